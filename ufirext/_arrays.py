@@ -1,0 +1,113 @@
+"""Coercion, shapes and messages for every array that enters the library."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError
+
+Array = NDArray[np.float64]
+Shape = tuple[int | None, ...]
+
+# A covariance may miss positive semidefiniteness by rounding: this fraction of its largest entry.
+PSD_SLACK = 1e-9
+
+
+def real(value: ArrayLike, name: str) -> Array:
+    """A fresh float64 array; complex, text and ragged input are refused."""
+    try:
+        raw = np.asarray(value)
+        if np.iscomplexobj(raw):
+            raise TypeError("complex")
+        return np.array(raw, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name} must be an array of real numbers, got {value!r:.80}") from error
+
+
+def finite(array: Array, name: str) -> Array:
+    """`array` itself, after checking that it holds neither NaN nor infinity."""
+    if not np.isfinite(array).all():
+        bad = [tuple(int(i) for i in where) for where in np.argwhere(~np.isfinite(array))[:3]]
+        raise NonFiniteError(f"{name} must be finite, got NaN or inf at {', '.join(map(str, bad))}")
+    return array
+
+
+def matrix(value: ArrayLike, shape: Shape, name: str, meaning: str = "") -> Array:
+    """A finite float64 matrix of `shape` (None: any size); a scalar fits where every size is 1 or None."""
+    array = real(value, name)
+    if array.ndim == 0 and all(size in (1, None) for size in shape):
+        array = array.reshape((1,) * len(shape))
+    if array.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
+        raise ShapeError(f"{name} must have shape {wanted}{' ' + meaning if meaning else ''}, got {array.shape}")
+    return finite(array, name)
+
+
+def square(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
+    """A finite (size, size) matrix; a scalar s stands for s * identity, as in filterpy."""
+    array = real(value, name)
+    if array.ndim == 0:
+        return finite(np.eye(size) * array, name)
+    return matrix(array, (size, size), name, meaning)
+
+
+def covariance(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
+    """A symmetric positive semidefinite (size, size) matrix; a scalar s stands for s * identity."""
+    array = square(value, size, name, meaning)
+    check_covariance(array, name)
+    return array
+
+
+def check_covariance(array: Array, name: str) -> None:
+    """Raise CovarianceError unless the finite square `array` is symmetric and positive semidefinite."""
+    scale = float(np.abs(array).max(initial=0.0))
+    if scale == 0.0:
+        return
+    gap = float(np.abs(array - array.T).max())
+    if gap > PSD_SLACK * scale:
+        raise CovarianceError(f"{name} must be symmetric, got a difference of {gap:.3g} to its transpose")
+    # Scaling by the diagonal makes the test independent of the units of the states.
+    width = np.sqrt(np.maximum(np.diag(array), 0.0))
+    unit = np.where(width > 0.0, width, np.sqrt(scale))
+    lowest = float(np.linalg.eigvalsh(array / np.outer(unit, unit))[0])
+    if lowest < -PSD_SLACK * len(array):
+        raise CovarianceError(f"{name} must be positive semidefinite, its smallest (scaled) eigenvalue is {lowest:.3g}")
+
+
+def column(value: ArrayLike, size: int, name: str) -> Array:
+    """A vector of `size` in any of filterpy's forms (scalar, list, row, column) as a flat (size,) array."""
+    array = real(value, name)
+    flat = array.reshape(-1)
+    if flat.size != size or sum(n != 1 for n in array.shape) > 1:
+        raise ShapeError(f"{name} must hold {size} number{'s' if size != 1 else ''}, got shape {array.shape}")
+    return flat
+
+
+def integer(value: Any, name: str, lowest: int, highest: int | None = None, advice: str = "") -> int:
+    """`value` as an int in [lowest, highest]; bools and floats are refused."""
+    tail = f"; {advice}" if advice else ""
+    try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError("a bool is not a count")
+        number = operator.index(value)
+    except TypeError as error:
+        raise HorizonError(f"{name} must be an integer, got {value!r}{tail}") from error
+    if number < lowest or (highest is not None and number > highest):
+        wanted = f"at least {lowest}" if highest is None else f"between {lowest} and {highest}"
+        raise HorizonError(f"{name} must be {wanted}, got {number}{tail}")
+    return number
+
+
+def symmetric(array: Array) -> Array:
+    """The symmetric part, which rounding may have left."""
+    return 0.5 * (array + array.T)
+
+
+def readonly(array: Array) -> Array:
+    """`array` itself, with writing switched off."""
+    array.flags.writeable = False
+    return array
