@@ -1,0 +1,57 @@
+"""Every example that a reader can copy runs: README, pages under docs/, docstrings."""
+
+from __future__ import annotations
+
+import re
+from doctest import ELLIPSIS, NORMALIZE_WHITESPACE
+from pathlib import Path
+
+import pytest
+from sybil import Sybil
+from sybil.document import PythonDocStringDocument
+from sybil.parsers.myst import DocTestDirectiveParser, PythonCodeBlockParser, SkipParser
+from sybil.parsers.rest import DocTestParser
+
+import ufirext
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("README.md"), *(ROOT / "docs").glob("*.md")])
+MODULES = sorted((ROOT / "ufirext").rglob("*.py"))
+FLAGS = ELLIPSIS | NORMALIZE_WHITESPACE
+
+# Fences that show something without claiming that it runs as Python.
+SHOWN = {"bash", "console", "text", "toml", "csv", "{eval-rst}", "{include}", "{toctree}", "{math}"}
+
+pages = Sybil([PythonCodeBlockParser(doctest_optionflags=FLAGS), DocTestDirectiveParser(FLAGS), SkipParser()])
+modules = Sybil([DocTestParser(FLAGS)], document_types={".py": PythonDocStringDocument})
+
+
+def _name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", PAGES, ids=_name)
+def test_the_code_of_a_page_runs_from_top_to_bottom(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for example in pages.parse(path).examples():
+        example.evaluate()
+
+
+@pytest.mark.parametrize("path", MODULES, ids=_name)
+def test_the_examples_of_a_module_run(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for example in modules.parse(path).examples():
+        example.evaluate()
+
+
+@pytest.mark.parametrize("path", PAGES, ids=_name)
+def test_no_code_of_a_page_escapes_execution(path):
+    fences = re.findall(r"^ {0,3}```+ *(\S*)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert set(fences[::2]) <= SHOWN | {"python"}
+
+
+def test_the_reference_lists_every_public_name():
+    listed = re.findall(
+        r"^   ([A-Za-z_]\w*)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
+    assert sorted(listed) == sorted(ufirext.__all__)
