@@ -1,0 +1,189 @@
+"""The window: rows of measurements, stacked as equations in its oldest state. The only place that counts indices.
+
+A datum is a row (origin, H, R, z): z = H x_origin + v, cov v = R. With a the oldest origin of the window and
+Phi(j, a) = F_j .. F_{a+1}, the rows stack to  Z = C x_a + D w + v,  and the state aimed at is
+x_aim = T x_a + E w. A delayed measurement is only an older row (MATHEMATICS: one idea).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ._arrays import Array
+from .model import Model
+
+# Singular values of the column-scaled rows below this fraction of the largest count as zero.
+RANK_TOLERANCE = 1e-10
+# ... and a direction the rows do not see must not reach the state aimed at by more than this.
+REACH_TOLERANCE = 1e-8
+# Eigenvalues of a singular R are lifted to this fraction of the largest, so that it can be a weight.
+R_FLOOR = 1e-12
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement: `z` = H x_origin + v, cov v = R, received at step `arrival`.
+
+    `shift` is the known change of the state between the reference of its origin and the row (an edit of x
+    made within the same step, before this row came), None when there is none.
+    """
+
+    origin: int
+    arrival: int
+    H: Array
+    R: Array
+    z: Array
+    shift: Array | None = None
+
+    @cached_property
+    def whitener(self) -> Array:
+        """W with W R W' = I; rows are weighted by their R."""
+        return whitener(self.R)
+
+    @cached_property
+    def information(self) -> float:
+        """trace(H' R^-1 H), by which negligible rows are recognised."""
+        return float(((self.whitener @ self.H) ** 2).sum())
+
+
+def whitener(R: Array) -> Array:
+    """W with W R W' = I, after lifting the eigenvalues of a singular R."""
+    if R.shape == (1, 1):
+        return np.array([[1.0 / np.sqrt(R[0, 0])]]) if R[0, 0] > 0.0 else np.eye(1)
+    scale = np.sqrt(np.diag(R))
+    if not scale.any():
+        return np.eye(len(R))
+    scale = np.where(scale > 0.0, scale, scale.max() * np.sqrt(R_FLOOR))
+    values, vectors = np.linalg.eigh(R / np.outer(scale, scale))
+    lifted = np.maximum(values, R_FLOOR * values[-1])
+    return np.asarray((vectors / np.sqrt(lifted)).T / scale)
+
+
+@dataclass(frozen=True)
+class Window:
+    """Rows sorted by origin, and the transitions from the oldest origin (time 0) to the newest time used.
+
+    Parameters
+    ----------
+    F, Q : sequences of (dim_x, dim_x)
+        F[j] leads from time j to time j + 1, where noise of covariance Q[j] enters.
+    H, R : sequences of (m, dim_x) and (m, m)
+        One entry a row; rows may have different numbers of components.
+    origins : sequence of int
+        Times of the rows, ascending, the first one 0.
+    aim : int
+        Time of the state that is wanted, 0 <= aim <= len(F).
+    """
+
+    F: Sequence[Array]
+    Q: Sequence[Array]
+    H: Sequence[Array]
+    R: Sequence[Array]
+    origins: Sequence[int]
+    aim: int
+    whiteners: Sequence[Array] = field(default=())
+
+    @cached_property
+    def dim_x(self) -> int:
+        return self.H[0].shape[1]
+
+    @cached_property
+    def W(self) -> Sequence[Array]:
+        """The rows' whiteners."""
+        return self.whiteners or [whitener(R) for R in self.R]
+
+    @cached_property
+    def starts(self) -> list[int]:
+        """Where each row's components begin in Z; one more entry than rows."""
+        return [0, *np.cumsum([len(H) for H in self.H]).tolist()]
+
+    @cached_property
+    def products(self) -> list[Array]:
+        """Phi(j, 0) for j = 0 .. len(F): forward products only, so F may be singular."""
+        result = [np.eye(self.dim_x)]
+        for F in self.F:
+            result.append(F @ result[-1])
+        return result
+
+    @cached_property
+    def C(self) -> Array:
+        """(rows, dim_x): whitened observation matrix, Z = C x_oldest + noise."""
+        rows = [W @ (H @ self.products[o]) for W, H, o in zip(self.W, self.H, self.origins, strict=True)]
+        return np.concatenate(rows)
+
+    @property
+    def T(self) -> Array:
+        """(dim_x, dim_x): from the oldest state to the one aimed at."""
+        return self.products[self.aim]
+
+    @cached_property
+    def scale(self) -> Array:
+        """(dim_x,): column norms of C, 1 for a state the rows never see."""
+        norms = np.sqrt((self.C**2).sum(axis=0))
+        return np.where(norms > 0.0, norms, 1.0)
+
+    @cached_property
+    def spectrum(self) -> tuple[Array, Array, Array]:
+        """U, s, V' of the column-scaled C."""
+        return np.linalg.svd(self.C / self.scale, full_matrices=False)
+
+    @cached_property
+    def rank(self) -> int:
+        """Numerical rank of the column-scaled C."""
+        s = self.spectrum[1]
+        return int((s > RANK_TOLERANCE * s[0]).sum()) if s[0] > 0.0 else 0
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition of C on the directions it sees."""
+        s = self.spectrum[1]
+        return float(s[0] / s[self.rank - 1]) if self.rank else np.inf
+
+    def determined(self) -> bool:
+        """True when the rows determine the state aimed at: T null(C) = 0.
+
+        Long windows of unstable models drown the early rows, so shorter prefixes of the rows (oldest first)
+        are asked as well: what a prefix determines, all rows determine.
+        """
+        if _reaches(self):
+            return True
+        count = len(self.H)
+        lengths = [size for size in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64) if size < count]
+        return any(_reaches(self.prefix(size)) for size in lengths)
+
+    def prefix(self, count: int) -> Window:
+        """The `count` oldest rows, same aim."""
+        return Window(
+            self.F, self.Q, self.H[:count], self.R[:count], self.origins[:count], self.aim, self.W[:count]
+        )
+
+
+def _reaches(window: Window) -> bool:
+    """T null(C) = 0, row by row relative to T."""
+    if window.rank == window.dim_x:
+        return True
+    if window.rank == 0:
+        return not window.T.any()
+    T = window.T / window.scale
+    seen = window.spectrum[2][: window.rank]
+    unseen = T - (T @ seen.T) @ seen
+    size = np.sqrt((T**2).sum(axis=1))
+    return bool((np.sqrt((unseen**2).sum(axis=1)) <= REACH_TOLERANCE * size).all())
+
+
+def model_window(model: Model, horizon: int, lag: int = 0) -> Window:
+    """The full window of a constant model: one row at each of `horizon` consecutive steps, newest - lag aimed at."""
+    steps = range(horizon)
+    return Window(
+        F=[model.F] * (horizon - 1),
+        Q=[model.Q] * (horizon - 1),
+        H=[model.H for _ in steps],
+        R=[model.R for _ in steps],
+        origins=steps,
+        aim=horizon - 1 - lag,
+        whiteners=[whitener(model.R)] * horizon,
+    )
