@@ -8,6 +8,7 @@
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .PHONY: help demo test check format bench docs clean
+.NOTPARALLEL:
 
 # The first interpreter that is new enough; `make PYTHON=/path/to/python3 ...` overrides.
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3.14 python; do \
@@ -17,6 +18,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 RECIPE := pyproject.toml constraints.txt
+EXTRAS := $(addprefix $(VENV)/.,cli dev docs bench)
 TRACKERS := norfair motpy ocsort
 
 # One thread per process: small matrices gain nothing from more, and the tests run in parallel.
@@ -33,10 +35,10 @@ endif
 help:
 	@sed -n 's/^# make/make/p' Makefile
 
-demo: $(VENV)/.demo
+demo: $(VENV)/.cli
 	$(BIN)/ufirext demo
 
-test: $(VENV)/.dev
+test: $(VENV)/.dev $(VENV)/.trackers
 	$(BIN)/python -m pytest -n 2 $(TESTS)
 
 check: $(VENV)/.dev
@@ -48,10 +50,10 @@ format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/.dev
+bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
 
-docs: $(VENV)/.dev
+docs: $(VENV)/.docs
 	$(BIN)/sphinx-build -n -W --keep-going -b html docs docs/_build/html
 	@echo "Documentation: $(abspath docs/_build/html/index.html)"
 
@@ -60,7 +62,7 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: rebuilt when the dependencies change, so that a second run starts at once.
-$(BIN)/python:
+$(VENV)/.made:
 	@test -n "$(PYTHON)" || { \
 		echo "ufirext needs Python 3.11 or newer; python3 here is: $$(python3 --version 2>&1)." >&2; \
 		echo "Install a newer one, or name it: make PYTHON=/path/to/python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
@@ -68,14 +70,14 @@ $(BIN)/python:
 		echo "ufirext needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1)." >&2; exit 1; }
 	@echo "Creating $(VENV) with $$($(PYTHON) --version)"
 	$(PYTHON) -m venv $(VENV)
-
-$(VENV)/.demo: $(RECIPE) | $(BIN)/python
-	@echo "Installing ufirext and what the demo needs into $(VENV) (a minute or two, once)"
-	$(PIP) install -c constraints.txt -e ".[cli]"
 	@touch $@
 
-$(VENV)/.dev: $(RECIPE) | $(BIN)/python
-	@echo "Installing ufirext and its development tools into $(VENV) (a few minutes, once)"
-	$(PIP) install -c constraints.txt -e ".[dev]"
+$(EXTRAS): $(VENV)/.%: $(RECIPE) | $(VENV)/.made
+	@echo "Installing ufirext[$*] into $(VENV): a minute or two, once"
+	$(PIP) install -c constraints.txt -e ".[$*]"
+	@touch $@
+
+# Trackers whose metadata ask for older releases of NumPy or filterpy than they need.
+$(VENV)/.trackers: $(VENV)/.dev
 	$(PIP) install -c constraints.txt --no-deps $(TRACKERS)
-	@touch $@ $(VENV)/.demo
+	@touch $@
