@@ -1,0 +1,1 @@
+"""Ratios of ufirext against named peers: `python -m benchmarks` prints the table, `--help` the options."""

@@ -1,0 +1,41 @@
+"""What `import ufirext` costs a program, in fresh interpreters."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from functools import partial
+
+from benchmarks.harness import EXCESS, Contest, Row, Run
+
+IMPORTS = 5
+
+
+def _fresh(statement: str) -> Run:
+    def run() -> object:
+        for _ in range(IMPORTS):
+            subprocess.run([sys.executable, "-c", statement], check=True)
+        return 0.0
+
+    return run
+
+
+def _contest(statement: str, steps: int) -> Contest:
+    return Contest(lambda: _fresh(statement), lambda: _fresh("import numpy"), IMPORTS)
+
+
+ROWS = [
+    Row(
+        f"imports/{name}",
+        statement,
+        "import numpy",
+        20,
+        partial(_contest, statement),
+        metric=EXCESS,
+        stretch=stretch,
+    )
+    for name, statement, stretch in (
+        ("ufirext", "import numpy, ufirext", False),
+        ("first-filter", "import numpy; from ufirext import UFIRFilter", True),
+    )
+]
