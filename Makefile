@@ -50,7 +50,7 @@ format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/.bench
+bench: $(VENV)/.bench $(VENV)/.trackers
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/.docs
@@ -78,6 +78,6 @@ $(EXTRAS): $(VENV)/.%: $(RECIPE) | $(VENV)/.made
 	@touch $@
 
 # Trackers whose metadata ask for older releases of NumPy or filterpy than they need.
-$(VENV)/.trackers: $(VENV)/.dev
+$(VENV)/.trackers: $(RECIPE) | $(VENV)/.made
 	$(PIP) install -c constraints.txt --no-deps $(TRACKERS)
 	@touch $@
