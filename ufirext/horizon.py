@@ -1,0 +1,159 @@
+"""How long the window should be: from the model, or from data."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ._arrays import Array, integer
+from .errors import UnobservableWindow
+from .gains import exact_covariance, least_squares, observability_index
+from .model import Model
+from .window import model_window, whitener
+
+__all__ = ["best_horizon", "check_horizon", "horizon_criterion", "shortest_horizon"]
+
+# Rows beyond the shortest determining window that every chosen horizon has, so that noise is averaged at all.
+SPARE_ROWS = 2
+# Criteria closer than this fraction are equal: the shorter horizon wins.
+TIE = 1e-9
+# Beyond thrice the best length so far, the search ends once the criterion is this multiple of the best.
+HOPELESS = 10.0
+
+
+def shortest_horizon(model: Model) -> int:
+    """The observability index: fewest consecutive measurements that determine the state.
+
+    Raises
+    ------
+    UnobservableWindow
+        If no horizon does.
+
+    Examples
+    --------
+    >>> from ufirext import kinematic
+    >>> from ufirext.horizon import shortest_horizon
+    >>> shortest_horizon(kinematic(2, 1, 1.0))
+    3
+    """
+    nu = observability_index(model)
+    if nu is None:
+        raise UnobservableWindow(
+            f"no horizon determines all {model.dim_x} states of this model: measure another state",
+            shortest=None,
+        )
+    return nu
+
+
+def check_horizon(horizon: object, model: Model) -> int:
+    """`horizon` as an int that determines the state; the error says the shortest one that does.
+
+    Raises
+    ------
+    HorizonError
+        If it is not an integer or below 1.
+    UnobservableWindow
+        If it is too short, or if no horizon determines the state.
+    """
+    nu = shortest_horizon(model)
+    number = integer(horizon, "horizon", 1, advice=f"the shortest horizon that works is {nu}")
+    if number < nu:
+        raise UnobservableWindow(
+            f"horizon must be at least {nu} to determine all {model.dim_x} states, got {number}: "
+            "lengthen the horizon or measure another state",
+            shortest=nu,
+        )
+    return number
+
+
+def best_horizon(model: Model, zs: ArrayLike | None = None, *, longest: int = 200) -> int:
+    """The horizon with the least error of the estimated measurement.
+
+    From a model, the N that minimises tr(R^-1 H P_N H'), P_N the exact error covariance of the UFIR filter:
+    short windows average too little noise, long ones lag behind what Q drives. For constant velocity it is
+    close to sqrt(12 sigma_v / (tau sigma_w)), sigma_w the standard deviation of a step's velocity increment.
+
+    From data, the N whose one-step predictions H F x^_{o-1} of the measurements z_o have the least mean
+    square, weighted by R^-1 (the leave-newest-out residual of horizon N + 1); needs no Q.
+
+    Parameters
+    ----------
+    model : Model
+    zs : array_like, (steps,) or (steps, dim_z), optional
+        Measurements at consecutive steps; a NaN is a missing component.
+    longest : int, optional
+        Cap. Without process noise (Q = 0) longer is always better and the cap is the answer.
+
+    Returns
+    -------
+    int
+        At least 2 more than the shortest horizon that determines the state: the literal minimum can be a
+        deadbeat window, which follows every outlier.
+
+    Raises
+    ------
+    UnobservableWindow
+        If no horizon determines the state.
+    HorizonError, ShapeError, NonFiniteError
+        For an unusable `longest`, or for data of wrong shape, with infinities, or too few.
+
+    Examples
+    --------
+    >>> from ufirext import best_horizon, kinematic
+    >>> best_horizon(kinematic(1, 1, 1.0, q=0.01, r=100.0))
+    35
+    """
+    first = shortest_horizon(model) + SPARE_ROWS
+    last = integer(longest, "longest", first, advice=f"the shortest horizon to choose from is {first}")
+    if zs is None:
+        return _from_model(model, first, last)
+    from .adaptive import from_data
+
+    return from_data(model, zs, first, last)
+
+
+@lru_cache(maxsize=512)
+def _from_model(model: Model, first: int, last: int) -> int:
+    criterion = horizon_criterion(model, first, last)
+    return first + first_minimum(criterion)
+
+
+def first_minimum(values: Array) -> int:
+    """Index of the first value that no other undercuts by more than rounding."""
+    return int(np.argmax(values <= np.nanmin(values) * (1.0 + TIE)))
+
+
+def horizon_criterion(model: Model, first: int, last: int) -> Array:
+    """tr(R^-1 H P_N H') for N = first .. last: the error in units of R; ends early where hopeless.
+
+    One pass: the window that grows by a step is recursive least squares, whose gain and exact covariance obey
+    A = (I - K H) F,  G <- A G A' + K R K',  P <- A P A' + (I - K H) Q (I - K H)' + K R K'.
+    """
+    start = min(first, shortest_horizon(model))
+    window = model_window(model, start)
+    gain = least_squares(window)
+    W = whitener(model.R)
+    H, noise = W @ model.H, np.stack([np.eye(model.dim_z), W @ model.R @ W.T])
+    whitened = np.linalg.solve(W.T, gain.reshape(-1, model.dim_z).T).T.reshape(model.dim_x, -1)
+    pair = np.stack([whitened @ whitened.T, exact_covariance(window, gain)])
+    drive = np.stack([np.zeros_like(model.Q), model.Q])
+    F, eye, one = model.F, np.eye(model.dim_x), np.eye(model.dim_z)
+    result: list[float] = []
+    best, at = np.inf, first
+    for horizon in range(start, last + 1):
+        if horizon > start:
+            pair = F @ pair @ F.T + drive
+            seen = H @ pair[0]
+            K = np.linalg.solve(seen @ H.T + one, seen).T
+            A = eye - K @ H
+            pair = A @ pair @ A.T + K @ noise @ K.T
+        if horizon < first:
+            continue
+        result.append(float(np.vdot(H @ pair[1], H)))
+        if result[-1] < best:
+            best, at = result[-1], horizon
+        elif horizon > 3 * at and result[-1] > HOPELESS * best:
+            break
+    return np.array(result)
