@@ -24,12 +24,10 @@ exclude_patterns = ["_build"]
 templates_path = ["_templates"]
 
 autosummary_generate = True
-autodoc_typehints = "signature"
+autodoc_typehints = "none"  # the docstrings say types, shapes and units
 autodoc_preserve_defaults = True
+maximum_signature_line_length = 88
 numpydoc_show_class_members = False
-
-# Types of other projects that appear in signatures: their documentation is not fetched during a build.
-nitpick_ignore_regex = [("py:.*", r"(numpy|np|npt|collections|os|pathlib|scipy|pandas|matplotlib|cvxpy)\..*")]
 
 html_theme = "furo"
 html_title = f"ufirext {release}"
