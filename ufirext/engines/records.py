@@ -1,0 +1,202 @@
+"""The reference engine: immutable records of steps and rows, and one plain solution over the window they form.
+
+Slow and readable; every faster engine is tested against it on random streams. Steps carry absolute numbers, so that
+changing engines never renumbers time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .._arrays import Array
+from ..gains import exact_covariance, least_squares
+from ..window import Row, Window
+from .covariance import Covariance
+
+# Rows with less than this fraction of the window's largest information count as missing.
+NEGLIGIBLE = 1e-8
+
+
+@dataclass(frozen=True)
+class Step:
+    """x_n = F x_{n-1} + known + w, cov w = Q. `known` holds inputs and edits of x, up to the rows of this step."""
+
+    F: Array
+    Q: Array
+    known: Array | None = None
+
+
+class Limits(NamedTuple):
+    """How far a window goes.
+
+    `horizon` steps; `instants`, the number of distinct origins below which it reaches further back; `extends`, whether
+    it may; `by_arrival`, whether steps count from a row's arrival or from its origin.
+    """
+
+    horizon: int
+    instants: int
+    extends: bool
+    by_arrival: bool
+
+    @property
+    def reach(self) -> int:
+        """Steps after which a row is forgotten for good."""
+        return 4 * self.horizon + 64 if self.extends else self.horizon
+
+
+class Stack(NamedTuple):
+    """Rows in a window: their regression, their measurements free of known inputs, the known part of the aim."""
+
+    window: Window
+    Z: Array
+    known: Array
+    rows: Sequence[Row]
+
+
+class Solution(NamedTuple):
+    """An estimate, with the stack and the gain it came from."""
+
+    x: Array
+    stack: Stack
+    gain: Array
+
+    @property
+    def covariance(self) -> Covariance:
+        """Exact error covariance, computed when looked at."""
+        return Covariance(exact_covariance, (self.stack.window, self.gain))
+
+    @property
+    def newest_gain(self) -> Array:
+        """Columns of the gain that act on the row which arrived last (dim_x, its components)."""
+        rows, starts = self.stack.rows, self.stack.window.starts
+        newest = max(range(len(rows)), key=lambda index: rows[index].arrival)
+        return self.gain[:, starts[newest] : starts[newest + 1]]
+
+
+class Records:
+    """Steps and rows that a window can still reach, and the estimate they give."""
+
+    def __init__(self, first_F: Array, first_Q: Array, now: int = 0) -> None:
+        self.now = now
+        self.steps: deque[Step] = deque([Step(first_F, first_Q)])
+        self.first = now  # number of steps[0]
+        self.rows: list[Row] = []
+        self.after: Array | None = None  # edits of x since the last row of this step
+
+    def advance(self, F: Array, Q: Array, known: Array | None) -> None:
+        """One predict()."""
+        if self.after is not None:
+            moved = F @ self.after
+            known = moved if known is None else known + moved
+            self.after = None
+        self.steps.append(Step(F, Q, known))
+        self.now += 1
+
+    def edit(self, delta: Array, after_rows: bool) -> None:
+        """x was moved from outside by `delta`, after or before the rows of this step."""
+        if after_rows:
+            self.after = delta if self.after is None else self.after + delta
+        else:
+            step = self.steps[-1]
+            self.steps[-1] = replace(step, known=delta if step.known is None else step.known + delta)
+
+    def add(self, row: Row) -> None:
+        """A row that arrived now."""
+        self.rows.append(row if self.after is None or row.origin < self.now else replace(row, shift=self.after))
+
+    def forget(self, limits: Limits) -> None:
+        """Drop what no window can reach any more."""
+        bound = self.now - limits.reach
+        if self.rows and _key(self.rows[0], limits) <= bound:
+            self.rows = [row for row in self.rows if _key(row, limits) > bound]
+        oldest = min((row.origin for row in self.rows), default=self.now)
+        while self.first < min(oldest, self.now):
+            self.steps.popleft()
+            self.first += 1
+
+    def copy(self) -> Records:
+        """An independent copy; rows and steps are immutable and shared."""
+        fork = object.__new__(type(self))
+        fork.__dict__.update(self.__dict__)
+        fork.steps, fork.rows = self.steps.copy(), self.rows.copy()
+        return fork
+
+    def step(self, number: int) -> Step:
+        """The step of this number; those up to the start repeat the first transition, without inputs."""
+        if number <= self.first:
+            return replace(self.steps[min(1, len(self.steps) - 1)], known=None)
+        return self.steps[number - self.first]
+
+    def stack(self, rows: Iterable[Row], aim: int) -> Stack:
+        """The rows as a regression in the state at their oldest origin, aimed at the state of step `aim`."""
+        ordered = sorted(rows, key=lambda row: row.origin)
+        oldest = min(ordered[0].origin, aim)
+        newest = max(aim, ordered[-1].origin)
+        steps = [self.step(number) for number in range(oldest + 1, newest + 1)]
+        window = Window(
+            F=[step.F for step in steps],
+            Q=[step.Q for step in steps],
+            H=[row.H for row in ordered],
+            R=[row.R for row in ordered],
+            origins=[row.origin - oldest for row in ordered],
+            aim=aim - oldest,
+            whiteners=[row.whitener for row in ordered],
+        )
+        known = [np.zeros(window.dim_x)]
+        for step in steps:
+            moved = step.F @ known[-1]
+            known.append(moved if step.known is None else moved + step.known)
+        free = []
+        for row in ordered:
+            offset = known[row.origin - oldest]
+            free.append(row.z - row.H @ (offset if row.shift is None else offset + row.shift))
+        return Stack(window, np.concatenate(free), known[aim - oldest], ordered)
+
+    def select(self, limits: Limits) -> list[Row] | None:
+        """The rows of the window now, None where they do not determine the state even as far back as allowed."""
+        bound, floor = self.now - limits.horizon, self.now - limits.reach
+        wanted = min(limits.horizon, limits.instants) if limits.extends else 0
+        while True:
+            chosen = [row for row in self.rows if _key(row, limits) > bound]
+            older = [_key(row, limits) for row in self.rows if floor < _key(row, limits) <= bound]
+            enough = len({row.origin for row in chosen}) >= wanted
+            if enough or not older:
+                if chosen and self.stack(chosen, self.now).window.determined():
+                    return chosen
+                if not older:
+                    return None
+            bound = max(older) - 1
+
+    def solve(self, limits: Limits, lag: int = 0, rows: Sequence[Row] | None = None) -> Solution | None:
+        """Least squares over the window: the state `lag` steps ago, None where the rows do not determine it."""
+        chosen = self.select(limits) if rows is None else rows
+        if not chosen:
+            return None
+        stack = self.stack(chosen, self.now - lag)
+        if (lag or rows is not None) and not stack.window.determined():
+            return None
+        gain = least_squares(stack.window)
+        x = gain @ stack.Z + stack.known
+        return Solution(x if lag or self.after is None else x + self.after, stack, gain)
+
+
+def _key(row: Row, limits: Limits) -> int:
+    return row.arrival if limits.by_arrival else row.origin
+
+
+def measured(z: Array, H: Array, R: Array) -> tuple[Array, Array, Array, Array]:
+    """The components of z that are measured (not NaN, row of H not zero): z, H, R of them, and the mask."""
+    mask = ~np.isnan(z) & H.any(axis=1)
+    if mask.all():
+        return z, H, R, mask
+    return z[mask], H[mask], R[np.ix_(mask, mask)], mask
+
+
+def negligible(row: Row, rows: Sequence[Row]) -> bool:
+    """A row whose information is nothing beside the window's counts as missing."""
+    return bool(rows) and row.information < NEGLIGIBLE * max(other.information for other in rows)

@@ -1,0 +1,61 @@
+"""Model matrices the client may assign or edit in place at any time, noticed at the next verb."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array, readonly
+
+# sys.getrefcount of an array only this module holds: the attribute and the call's own argument.
+_ALONE = 2
+
+
+class Live:
+    """A matrix with two faces: `value`, frozen, for the library; an editable copy for the client.
+
+    The copy is compared with the frozen value at the next verb, only while somebody may still hold it.
+    """
+
+    __slots__ = ("_check", "_handed", "value")
+
+    def __init__(self, value: Array, check: Callable[[Any], Array]) -> None:
+        self._check = check
+        self._handed: Array | None = None
+        self.value = readonly(value)
+
+    def hand_out(self) -> Array:
+        """The client's editable array; edits count from the next verb on."""
+        if self._handed is None:
+            self._handed = self.value.copy()
+        return self._handed
+
+    def assign(self, value: Any) -> None:
+        """A new value from outside, validated and copied."""
+        array = self._check(value)
+        self._handed = None
+        self.value = readonly(array if array is not value else array.copy())
+
+    def changed(self) -> bool:
+        """Adopt an edit made in place; True if there was one."""
+        handed = self._handed
+        if handed is None:
+            return False
+        if handed.tobytes() == self.value.tobytes():
+            if sys.getrefcount(handed) <= _ALONE + 1:
+                self._handed = None
+            return False
+        self.value = readonly(self._check(handed.copy()))
+        return True
+
+    @property
+    def watched(self) -> bool:
+        """Whether the client may hold the array and edit it."""
+        return self._handed is not None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Live:
+        # The client of the copy holds nothing yet; pending edits go along.
+        return Live(np.array(self.value if self._handed is None else self._handed), self._check)

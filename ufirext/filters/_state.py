@@ -1,0 +1,224 @@
+"""The one opaque object inside every filter: model, estimate, last update; what deepcopy and pickle copy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array, covariance, finite, matrix, real, square
+from ..engines.covariance import Covariance
+from ..engines.records import measured
+from ..errors import ShapeError
+from ._live import Live
+from ._update import Update
+
+
+class FilterState:
+    """Estimate, covariance and model of a filter, with outside writes noticed and honoured.
+
+    Subclasses say what a filter does: `_advance` (predict), `_absorb` (a measurement), `_skip` (none came),
+    `_moved` (x was written from outside), `_model_changed`.
+    """
+
+    def __init__(self, dim_x: int, dim_z: int) -> None:
+        self.dim_x, self.dim_z = dim_x, dim_z
+        self.F = Live(np.eye(dim_x), _Square(dim_x, "F"))
+        self.H = Live(np.zeros((dim_z, dim_x)), _Matrix((dim_z, dim_x), "H", "(dim_z, dim_x)"))
+        self.Q = Live(np.eye(dim_x), _Covariance(dim_x, "Q"))
+        self.R = Live(np.eye(dim_z), _Covariance(dim_z, "R"))
+        self.M = Live(np.zeros((dim_x, dim_z)), _Matrix((dim_x, dim_z), "M", "(dim_x, dim_z)"))
+        self.B: Live | None = None
+        self.fading = 1.0
+        self.form = 2
+        self.now = 0
+        self.updated = False
+        self.x: Array = np.zeros(dim_x)
+        self.P = Covariance.of(np.eye(dim_x))
+        self.prior = self.post = (self.x, self.P)
+        self.last: Update | None = None
+        self._x_handed: Array | None = None
+        self._x_raw = b""
+        self._P_handed: Array | None = None
+        self._P_raw = b""
+
+    # -- what the client sees ---------------------------------------------------------------------------------
+
+    def shaped(self, flat: Array) -> Array:
+        """A fresh copy in the client's form, (n, 1) or (n,)."""
+        return np.array(flat.reshape(-1, 1) if self.form == 2 else flat)
+
+    def hand_out_x(self) -> Array:
+        """The state, editable; edits count from the next verb on."""
+        if self._x_handed is None:
+            self._x_handed = self.shaped(self.x)
+            self._x_raw = self._x_handed.tobytes()
+        return self._x_handed
+
+    def hand_out_P(self) -> Array:
+        """The covariance, editable; edits count from the next verb on."""
+        if self._P_handed is None:
+            self._P_handed = self.P.value.copy()
+            self._P_raw = self._P_handed.tobytes()
+        return self._P_handed
+
+    def write_x(self, value: Any) -> None:
+        """x assigned from outside; its form becomes the client's form."""
+        self.settle()
+        array = real(value, "x")
+        n = self.dim_x
+        if array.ndim == 0 and n == 1:
+            array = array.reshape(1)
+        if array.shape not in ((n,), (n, 1)):
+            raise ShapeError(f"x must have shape ({n}, 1) or ({n},), got {array.shape}")
+        self.form = array.ndim
+        self._x_handed = None
+        self._move(finite(array, "x").reshape(n))
+
+    def write_P(self, value: Any) -> None:
+        """P assigned from outside."""
+        self.settle()
+        self._P_handed = None
+        self.P = Covariance.of(covariance(value, self.dim_x, "P", "(dim_x, dim_x)"))
+
+    def assign(self, name: str, value: Any) -> None:
+        """A model matrix assigned from outside."""
+        self.settle()
+        live: Live = getattr(self, name)
+        live.assign(value)
+        self._model_changed()
+
+    def assign_B(self, value: Any, dim_u: int) -> None:
+        """The input matrix assigned from outside, None for no input."""
+        self.settle()
+        self.B = None
+        if value is not None:
+            check = _Inputs(self.dim_x, dim_u)
+            self.B = Live(check(value), check)
+
+    def settle(self) -> None:
+        """Honour everything that was edited in place since the last verb."""
+        for live in (self.F, self.H, self.Q, self.R, self.M):
+            if live.watched and live.changed():
+                self._model_changed()
+        if self.B is not None and self.B.watched:
+            self.B.changed()
+        handed = self._P_handed
+        if handed is not None and handed.tobytes() != self._P_raw:
+            self._P_raw = handed.tobytes()
+            self.P = Covariance.of(covariance(handed, self.dim_x, "P", "(dim_x, dim_x)"))
+        handed = self._x_handed
+        if handed is not None and handed.tobytes() != self._x_raw:
+            self._x_raw = handed.tobytes()
+            self._move(finite(handed.reshape(self.dim_x).copy(), "x"))
+
+    def _move(self, x: Array) -> None:
+        delta = x - self.x
+        self.x = x
+        if delta.any():
+            self._moved(delta)
+
+    def _publish(self, x: Array, P: Covariance) -> None:
+        self.x, self.P = x, P
+        self._x_handed = self._P_handed = None
+
+    # -- the two transitions ----------------------------------------------------------------------------------
+
+    def predict(self, F: Array, Q: Array, known: Array | None) -> None:
+        """Time update by F, Q and a known change of the state."""
+        x = F @ self.x
+        self._advance(F, Q, known)
+        self._publish(x if known is None else x + known, self.P.predicted(F, Q, self.fading))
+        self.now += 1
+        self.updated = False
+        self.prior = (self.x, self.P)
+
+    def update(self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None) -> None:
+        """Measurement update; z flat with NaN for missing components, or None."""
+        x, P = self.x, self.P
+        mask = np.zeros(len(H), dtype=bool)
+        gain: Covariance | None = None
+        if z is not None:
+            z_in, H_in, R_in, mask = measured(z, H, R)
+            if len(z_in):
+                gain = self._absorb(z_in, H_in, R_in, delay, cross)
+        if gain is None:
+            self._skip()
+            mask = np.zeros(len(H), dtype=bool) if z is None else mask
+            gain = Covariance.of(np.zeros((self.dim_x, int(mask.sum()))))
+        self.last = Update(z, H, R, mask, x, P, gain, cross)
+        self.updated = True
+        self.post = (self.x, self.P)
+
+    def keep_P(self, P: Covariance, last: Update | None = None) -> None:
+        """Undo the covariance part of the last verb (filterpy's steady-state verbs); `last` lends K and S."""
+        self.P, self._P_handed = P, None
+        if self.updated:
+            self.post = (self.x, P)
+            if self.last is not None and last is not None:
+                self.last = replace(self.last, P=last.P, gain=last.gain, cross=last.cross)
+        else:
+            self.prior = (self.x, P)
+
+    # -- what a kind of filter does ---------------------------------------------------------------------------
+
+    def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
+        """A predict() is about to happen."""
+
+    def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
+        """Take the measured components and publish; the gain on them, None where the row counts as missing."""
+        raise NotImplementedError
+
+    def _skip(self) -> None:
+        """An update() brought nothing: x and P stay the prior."""
+
+    def _moved(self, delta: Array) -> None:
+        """x was moved from outside by delta."""
+
+    def _model_changed(self) -> None:
+        """A model matrix got another value."""
+
+
+class _Matrix:
+    """Checks of one attribute, as values that pickle."""
+
+    def __init__(self, shape: tuple[int, int], name: str, meaning: str) -> None:
+        self.shape, self.name, self.meaning = shape, name, meaning
+
+    def __call__(self, value: Any) -> Array:
+        array = real(value, self.name)
+        if array.ndim < 2 and array.size == self.shape[0] * self.shape[1]:
+            array = array.reshape(self.shape)
+        return matrix(array, self.shape, self.name, self.meaning)
+
+
+class _Square:
+    def __init__(self, size: int, name: str) -> None:
+        self.size, self.name = size, name
+
+    def __call__(self, value: Any) -> Array:
+        array = real(value, self.name)
+        return square(array.reshape(()) if array.size == self.size == 1 else array, self.size, self.name, "(dim_x, dim_x)")
+
+
+class _Covariance:
+    def __init__(self, size: int, name: str) -> None:
+        self.size, self.name = size, name
+
+    def __call__(self, value: Any) -> Array:
+        array = real(value, self.name)
+        if array.size == self.size == 1:
+            array = array.reshape(())
+        return covariance(array, self.size, self.name, "(dim_z, dim_z)" if self.name == "R" else "(dim_x, dim_x)")
+
+
+class _Inputs:
+    def __init__(self, dim_x: int, dim_u: int) -> None:
+        self.dim_x, self.dim_u = dim_x, dim_u
+
+    def __call__(self, value: Any) -> Array:
+        array = real(value, "B")
+        if array.ndim < 2 and array.size == self.dim_x:
+            array = array.reshape(self.dim_x, 1)
+        return matrix(array, (self.dim_x, self.dim_u or None), "B", "(dim_x, dim_u)")

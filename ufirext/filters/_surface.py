@@ -1,0 +1,462 @@
+"""filterpy's face, once: every name of filterpy.kalman.KalmanFilter over an opaque state object."""
+
+from __future__ import annotations
+
+import copy
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from itertools import repeat
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array, column, covariance, integer, matrix, real, square
+from ..errors import NonFiniteError, ShapeError
+from ._describe import describe
+from ._state import FilterState
+from ._update import LOG_SMALLEST, log_normal
+
+
+class DimensionMismatch(ShapeError, AssertionError):
+    """A matrix does not fit the others; also an AssertionError, as filterpy raises there."""
+
+
+class FilterSurface:
+    """The verbs and attributes of filterpy's KalmanFilter; subclasses bring the state object that does the work."""
+
+    _state: FilterState
+
+    def __init__(self, dim_x: int, dim_z: int, dim_u: int, state: FilterState) -> None:
+        self.dim_x, self.dim_z, self.dim_u = dim_x, dim_z, dim_u
+        self.inv = np.linalg.inv
+        self._state = state
+
+    # -- state and model --------------------------------------------------------------------------------------
+
+    @property
+    def x(self) -> Array:
+        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
+        return self._state.hand_out_x()
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._state.write_x(value)
+
+    @property
+    def P(self) -> Array:
+        """Error covariance of x, (dim_x, dim_x); a written P holds for the coming prediction and update."""
+        return self._state.hand_out_P()
+
+    @P.setter
+    def P(self, value: ArrayLike) -> None:
+        self._state.write_P(value)
+
+    @property
+    def F(self) -> Array:
+        """State transition, (dim_x, dim_x)."""
+        return self._state.F.hand_out()
+
+    @F.setter
+    def F(self, value: ArrayLike) -> None:
+        self._state.assign("F", value)
+
+    @property
+    def H(self) -> Array:
+        """Measurement matrix, (dim_z, dim_x)."""
+        return self._state.H.hand_out()
+
+    @H.setter
+    def H(self, value: ArrayLike) -> None:
+        self._state.assign("H", value)
+
+    @property
+    def Q(self) -> Array:
+        """Process noise covariance, (dim_x, dim_x)."""
+        return self._state.Q.hand_out()
+
+    @Q.setter
+    def Q(self, value: ArrayLike) -> None:
+        self._state.assign("Q", value)
+
+    @property
+    def R(self) -> Array:
+        """Measurement noise covariance, (dim_z, dim_z)."""
+        return self._state.R.hand_out()
+
+    @R.setter
+    def R(self, value: ArrayLike) -> None:
+        self._state.assign("R", value)
+
+    @property
+    def M(self) -> Array:
+        """Cross-correlation of process and measurement noise, (dim_x, dim_z); used by `update_correlated`."""
+        return self._state.M.hand_out()
+
+    @M.setter
+    def M(self, value: ArrayLike) -> None:
+        self._state.assign("M", value)
+
+    @property
+    def B(self) -> Array | None:
+        """Input matrix, (dim_x, dim_u), or None."""
+        return None if self._state.B is None else self._state.B.hand_out()
+
+    @B.setter
+    def B(self, value: ArrayLike | None) -> None:
+        self._state.assign_B(value, self.dim_u)
+
+    @property
+    def alpha(self) -> float:
+        """Fading memory, at least 1; multiplies the predicted P by alpha^2."""
+        return math.sqrt(self._state.fading)
+
+    @alpha.setter
+    def alpha(self, value: float) -> None:
+        if not np.isscalar(value) or not value >= 1 or not math.isfinite(value):  # type: ignore[operator]
+            raise ValueError(f"alpha must be a finite number of at least 1, got {value!r}")
+        self._state.fading = float(value) ** 2  # type: ignore[arg-type]
+
+    # -- the last step ----------------------------------------------------------------------------------------
+
+    @property
+    def x_prior(self) -> Array:
+        """Prediction before the last update, a copy."""
+        return self._state.shaped(self._state.prior[0])
+
+    @property
+    def P_prior(self) -> Array:
+        """Covariance of `x_prior`, a copy."""
+        return self._state.prior[1].value.copy()
+
+    @property
+    def x_post(self) -> Array:
+        """Estimate after the last update, a copy."""
+        return self._state.shaped(self._state.post[0])
+
+    @property
+    def P_post(self) -> Array:
+        """Covariance of `x_post`, a copy."""
+        return self._state.post[1].value.copy()
+
+    @property
+    def z(self) -> Array:
+        """The last measurement in the form of x; an array of None if there was none."""
+        last = self._state.last
+        if last is None or last.z is None:
+            empty = np.array([None] * self.dim_z)
+            return empty.reshape(-1, 1) if self._state.form == 2 else empty
+        return self._state.shaped(last.z)
+
+    @property
+    def y(self) -> Array:
+        """Innovation z - H x_prior, 0 where nothing was measured."""
+        last = self._state.last
+        return self._state.shaped(np.zeros(self.dim_z) if last is None else last.y)
+
+    @property
+    def K(self) -> Array:
+        """Gain on the newest measurement, (dim_x, dim_z)."""
+        last = self._state.last
+        return np.zeros((self.dim_x, self.dim_z)) if last is None else last.K.copy()
+
+    @property
+    def S(self) -> Array:
+        """Innovation covariance H P_prior H' + R, (dim_z, dim_z)."""
+        last = self._state.last
+        return np.zeros((self.dim_z, self.dim_z)) if last is None else last.S.copy()
+
+    @property
+    def SI(self) -> Array:
+        """Inverse of S, by the replaceable `inv`."""
+        last = self._state.last
+        return np.zeros((self.dim_z, self.dim_z)) if last is None else np.asarray(self.inv(last.S))
+
+    @property
+    def log_likelihood(self) -> float:
+        """log N(y; 0, S) of the last update."""
+        last = self._state.last
+        return LOG_SMALLEST if last is None else last.log_likelihood()
+
+    @property
+    def likelihood(self) -> float:
+        """exp(log_likelihood), never 0."""
+        return max(math.exp(min(self.log_likelihood, 709.0)), sys.float_info.min)
+
+    @property
+    def mahalanobis(self) -> float:
+        """sqrt(y' S^-1 y)."""
+        last = self._state.last
+        if last is None:
+            return 0.0
+        return math.sqrt(max(float(last.y @ self.SI @ last.y), 0.0))
+
+    # -- verbs ------------------------------------------------------------------------------------------------
+
+    def predict(
+        self, u: ArrayLike | None = None, B: ArrayLike | None = None, F: ArrayLike | None = None, Q: ArrayLike | None = None
+    ) -> None:
+        """Advance one step: x <- F x + B u.
+
+        Parameters
+        ----------
+        u : scalar or array_like, (dim_u,) or (dim_u, 1), optional
+            Known input; ignored where there is no B.
+        B, F, Q : array_like, optional
+            Replace the attribute for this call.
+        """
+        state = self._state
+        state.settle()
+        state.predict(*self._transition(u, B, F, Q))
+
+    def _transition(
+        self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
+    ) -> tuple[Array, Array, Array | None]:
+        state, n = self._state, self.dim_x
+        F_now = state.F.value if F is None else square(F, n, "F", "(dim_x, dim_x)")
+        Q_now = state.Q.value if Q is None else covariance(Q, n, "Q", "(dim_x, dim_x)")
+        known = None
+        if u is not None and (B is not None or state.B is not None):
+            inputs = state.B.value if B is None and state.B is not None else _as_inputs(B, n)
+            known = inputs @ _input(u, inputs.shape[1])
+        return F_now, Q_now, known
+
+    def update(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0) -> None:
+        """Take a measurement.
+
+        Parameters
+        ----------
+        z : scalar or array_like, (dim_z,) or (dim_z, 1), or None
+            None: nothing came. NaN: this component did not come.
+        R, H : array_like, optional
+            Replace the attribute for this call; H may have another number of rows.
+        delay : int, optional
+            Age of the measurement in steps: z was taken `delay` steps ago.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, infinite values, an R that is no covariance, a delay that is no count.
+        """
+        state = self._state
+        state.settle()
+        delay = integer(delay, "delay", 0)
+        state.update(*self._measurement(z, R, H), delay)
+
+    def _measurement(self, z: ArrayLike | None, R: ArrayLike | None, H: ArrayLike | None) -> tuple[Array | None, Array, Array]:
+        state = self._state
+        H_now = state.H.value if H is None else self._observation(H)
+        m = len(H_now)
+        if R is not None:
+            raw = real(R, "R")
+            R_now = covariance(raw.reshape(()) if raw.size == m == 1 else raw, m, "R", "(rows of H)")
+        else:
+            R_now = state.R.value
+            if len(R_now) != m:
+                raise ShapeError(f"R must be given with an H of {m} rows: the filter's own R has shape {R_now.shape}")
+        return measurement(z, m), H_now, R_now
+
+    def _observation(self, H: ArrayLike) -> Array:
+        return matrix(np.atleast_2d(real(H, "H")), (None, self.dim_x), "H", "(rows, dim_x)")
+
+    def predict_steadystate(self, u: ArrayLike | None = 0, B: ArrayLike | None = None) -> None:
+        """`predict` that leaves P as it is."""
+        P = self._state.P
+        self.predict(u, B)
+        self._state.keep_P(P)
+
+    def update_steadystate(self, z: ArrayLike | None) -> None:
+        """`update` that leaves P, K and S as they are."""
+        P, last = self._state.P, self._state.last
+        self.update(z)
+        self._state.keep_P(P, last)
+
+    def update_correlated(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None) -> None:
+        """`update` with process and measurement noise correlated by M (acts on S, and on x in warm-up)."""
+        state = self._state
+        state.settle()
+        state.update(*self._measurement(z, R, H), 0, state.M.value)
+
+    def update_sequential(
+        self, start: int, z_i: ArrayLike, R_i: ArrayLike | None = None, H_i: ArrayLike | None = None
+    ) -> None:
+        """Take the components start, start + 1, .. of a measurement on their own."""
+        state = self._state
+        state.settle()
+        values = real(z_i, "z_i").reshape(-1)
+        start = integer(start, "start", 0, self.dim_z - 1)
+        stop = start + len(values)
+        if not 1 <= len(values) <= self.dim_z - start:
+            raise ShapeError(f"z_i must hold 1 to {self.dim_z - start} components from start={start} on, got {len(values)}")
+        H = state.H.value.copy()
+        R = state.R.value.copy()
+        z = np.full(self.dim_z, np.nan)
+        z[start:stop] = measurement(values, len(values))
+        if H_i is not None:
+            H[start:stop] = matrix(np.atleast_2d(real(H_i, "H_i")), (len(values), self.dim_x), "H_i")
+        if R_i is not None:
+            R[start:stop, start:stop] = covariance(np.squeeze(real(R_i, "R_i"))[()], len(values), "R_i")
+        state.update(z, H, R, 0)
+
+    # -- helpers ----------------------------------------------------------------------------------------------
+
+    def get_prediction(
+        self, u: ArrayLike | None = None, B: ArrayLike | None = None, F: ArrayLike | None = None, Q: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """x and P as `predict` would give them; changes nothing."""
+        fork = copy.deepcopy(self)
+        fork.predict(u, B, F, Q)
+        return fork.x, fork.P
+
+    def get_update(self, z: ArrayLike | None = None) -> tuple[Array, Array]:
+        """x and P as `update(z)` would give them; changes nothing."""
+        fork = copy.deepcopy(self)
+        fork.update(z)
+        return fork.x, fork.P
+
+    def residual_of(self, z: ArrayLike) -> Array:
+        """z - H x_prior."""
+        flat = measurement(z, self.dim_z)
+        if flat is None:
+            raise ShapeError("residual_of needs a measurement, got None")
+        return self._state.shaped(flat - self._state.H.value @ self._state.prior[0])
+
+    def measurement_of_state(self, x: ArrayLike) -> Array:
+        """H x, in the form of the x given."""
+        return np.asarray(self._state.H.value @ real(x, "x"))
+
+    def log_likelihood_of(self, z: ArrayLike | None) -> float:
+        """log N(z; H x, S) for another measurement; the logarithm of the smallest float for None."""
+        flat = measurement(z, self.dim_z)
+        if flat is None or np.isnan(flat).all():
+            return LOG_SMALLEST
+        mask = ~np.isnan(flat)
+        state = self._state
+        residual = flat - state.H.value @ self.x.reshape(-1)
+        S = self.S if state.last is not None else state.H.value @ state.P.value @ state.H.value.T + state.R.value
+        return log_normal(residual[mask], S[np.ix_(mask, mask)])
+
+    def test_matrix_dimensions(
+        self,
+        z: ArrayLike | None = None,
+        H: ArrayLike | None = None,
+        R: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+    ) -> None:
+        """Check that the matrices fit together; AssertionError (and ValueError) where they do not."""
+        try:
+            self._transition(None, None, F, Q)
+            _, H_now, _ = self._measurement(None, R, H)
+            measurement(z, len(H_now))
+        except ValueError as error:
+            raise DimensionMismatch(str(error)) from error
+
+    def batch_filter(
+        self,
+        zs: Sequence[Any] | Array,
+        Fs: Iterable[ArrayLike | None] | None = None,
+        Qs: Iterable[ArrayLike | None] | None = None,
+        Hs: Iterable[ArrayLike | None] | None = None,
+        Rs: Iterable[ArrayLike | None] | None = None,
+        Bs: Iterable[ArrayLike | None] | None = None,
+        us: Iterable[ArrayLike | None] | None = None,
+        update_first: bool = False,
+        saver: Any = None,
+    ) -> tuple[Array, Array, Array, Array]:
+        """Run over a series; every list may hold one entry a step, None for the attribute.
+
+        Parameters
+        ----------
+        zs : sequence of measurements
+            None or NaN: missing.
+        Fs, Qs, Hs, Rs, Bs, us : sequences, optional
+        update_first : bool
+            update before predict in every step.
+        saver : filterpy.common.Saver, optional
+            Its save() is called after every step.
+
+        Returns
+        -------
+        means, covariances, means_p, covariances_p : ndarray
+            (T, dim_x, 1) or (T, dim_x) in the form of x, and (T, dim_x, dim_x): after update, after predict.
+        """
+        count, form = len(zs), (self.dim_x, 1) if self._state.form == 2 else (self.dim_x,)
+        means, means_p = np.zeros((count, *form)), np.zeros((count, *form))
+        covs, covs_p = (np.zeros((count, self.dim_x, self.dim_x)) for _ in range(2))
+        lists = [repeat(None) if values is None else values for values in (Fs, Qs, Hs, Rs, Bs, us)]
+        for i, (z, F, Q, H, R, B, u) in enumerate(zip(zs, *lists, strict=False)):
+            for verb in ("update", "predict") if update_first else ("predict", "update"):
+                if verb == "update":
+                    self.update(z, R=R, H=H)
+                    means[i], covs[i] = self.x, self._state.P.value
+                else:
+                    self.predict(u=u, B=B, F=F, Q=Q)
+                    means_p[i], covs_p[i] = self.x, self._state.P.value
+            if saver is not None:
+                saver.save()
+        return means, covs, means_p, covs_p
+
+    def rts_smoother(
+        self,
+        Xs: Array,
+        Ps: Array,
+        Fs: Sequence[Array] | None = None,
+        Qs: Sequence[Array] | None = None,
+        inv: Any = np.linalg.inv,
+    ) -> tuple[Array, Array, Array, Array]:
+        """Rauch-Tung-Striebel smoothing of `batch_filter`'s output, as in filterpy.
+
+        Returns
+        -------
+        x, P, K, Pp : ndarray
+            Smoothed means and covariances, smoother gains, predicted covariances.
+        """
+        if len(Xs) != len(Ps):
+            raise ShapeError(f"Xs and Ps must have the same length, got {len(Xs)} and {len(Ps)}")
+        count = len(Xs)
+        Fs = [self._state.F.value] * count if Fs is None else Fs
+        Qs = [self._state.Q.value] * count if Qs is None else Qs
+        x, P, Pp = np.array(Xs, dtype=float), np.array(Ps, dtype=float), np.array(Ps, dtype=float)
+        K = np.zeros((count, self.dim_x, self.dim_x))
+        for k in range(count - 2, -1, -1):
+            F = np.asarray(Fs[k + 1])
+            Pp[k] = F @ P[k] @ F.T + Qs[k + 1]
+            try:
+                K[k] = P[k] @ F.T @ inv(Pp[k])
+            except np.linalg.LinAlgError:
+                K[k] = P[k] @ F.T @ np.linalg.pinv(Pp[k])
+            x[k] += K[k] @ (x[k + 1] - F @ x[k])
+            P[k] += K[k] @ (P[k + 1] - Pp[k]) @ K[k].T
+        return x, P, K, Pp
+
+    def __repr__(self) -> str:
+        return describe(self)
+
+
+def measurement(z: ArrayLike | None, m: int) -> Array | None:
+    """z as a flat (m,) array with NaN for missing components, None as None; infinity is refused."""
+    if z is None:
+        return None
+    flat = column(z, m, "z")
+    if np.isinf(flat).any():
+        raise NonFiniteError(f"z must be finite (NaN marks a missing component), got {flat}")
+    return flat
+
+
+def _as_inputs(B: ArrayLike | None, n: int) -> Array:
+    array = real(B, "B") if B is not None else np.zeros((n, 0))
+    if array.ndim < 2:
+        array = array.reshape(-1, 1) if array.size == n else array
+    return matrix(array, (n, None), "B", "(dim_x, dim_u)")
+
+
+def _input(u: ArrayLike, size: int) -> Array:
+    array = real(u, "u")
+    if array.ndim == 0 and size != 1 and array == 0.0:
+        return np.zeros(size)  # filterpy's batch and MMAE pass u = 0 for no input
+    flat = column(array, size, "u")
+    if not np.isfinite(flat).all():
+        raise NonFiniteError(f"u must be finite, got {flat}")
+    return flat
