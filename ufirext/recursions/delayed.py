@@ -1,0 +1,92 @@
+"""The exact Kalman recursion for measurements that come late, without a larger state.
+
+A measurement of x_{n-k} is one of x_n whose noise holds the process noises since (`Channel.effective`). The
+filter's error holds the same noises, so it keeps their covariances E[e_n w_j'] for as many steps as a
+measurement can be late, and its P is the true error covariance.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from .._arrays import Array
+from ..channels import Effective, Step
+from .kalman import Posterior, predict, update
+
+__all__ = ["Correlation", "Delayed", "predict_delayed", "update_delayed"]
+
+Correlation = Literal["exact", "correlated", "white"]
+
+
+class Delayed(NamedTuple):
+    """State and covariance, and what a late measurement needs to know of the past.
+
+    Attributes
+    ----------
+    x : ndarray, (dim_x,) or (dim_x, 1)
+    P : ndarray, (dim_x, dim_x)
+    E : tuple of ndarray, (dim_x, dim_x)
+        E[i] is the covariance of the error with the process noise i steps ago, newest first.
+    past : tuple of Step
+        The transitions those noises belong to, newest last.
+    """
+
+    x: Array
+    P: Array
+    E: tuple[Array, ...] = ()
+    past: tuple[Step, ...] = ()
+
+
+def predict_delayed(state: Delayed, F: Array, Q: Array, Bu: Array | None = None, *, depth: int) -> Delayed:
+    """One step ahead, remembering the last `depth` process noises:  E_j <- F E_j,  E_newest = Q."""
+    x, P = predict(state.x, state.P, F, Q, Bu)
+    if depth == 0:
+        return Delayed(x, P)
+    older = [F.dot(E) for E in state.E[: depth - 1]]
+    return Delayed(x, P, (Q, *older), (*state.past, Step(F, Q, Bu))[-depth:])
+
+
+def update_delayed(
+    state: Delayed, z: Array, row: Effective, correlation: Correlation = "exact"
+) -> tuple[Delayed, Posterior]:
+    """Take in a measurement that `row` expresses by the present state.
+
+    Parameters
+    ----------
+    state : Delayed
+        Prior, from `predict_delayed` or an earlier update of the same step.
+    z : ndarray, (dim_z,) or (dim_z, 1), like state.x
+    row : Effective
+        Of the measurement's delay, from a channel.
+    correlation : {"exact", "correlated", "white"}, optional
+        How much of the correlation between the error and the measurement's noise is taken into account: all
+        of it; that with the newest process noise only (phi of Uribe-Murcia et al. 2022); none (Uribe-Murcia
+        et al. 2018). P is the true error covariance for the first only.
+
+    Returns
+    -------
+    Delayed, Posterior
+
+    Notes
+    -----
+    Ph = -sum_{i<k} E_{n-i} G_i',  K and P as in `update` with cross = Ph, and
+    E_j <- (I - K Hb) E_j + K G_{n-j} Q_j.
+    """
+    cross = None
+    for E, G in zip(state.E, _known(row, correlation), strict=False):
+        part = E.dot(G.T)
+        cross = -part if cross is None else cross - part
+    z = z + row.offset.reshape(z.shape)
+    posterior = update(state.x, state.P, z, row.H, row.R, cross)
+    K = posterior.K
+    kept = [E - K.dot(row.H.dot(E)) for E in state.E]
+    for i, G in enumerate(row.G[: len(kept)]):
+        kept[i] = kept[i] + K.dot(G).dot(state.past[-1 - i].Q)
+    return Delayed(posterior.x, posterior.P, tuple(kept), state.past), posterior
+
+
+def _known(row: Effective, correlation: Correlation) -> tuple[Array, ...]:
+    """The parts of the noise whose correlation with the error is used."""
+    if correlation == "exact":
+        return row.G
+    return row.G[:1] if correlation == "correlated" else ()

@@ -1,0 +1,119 @@
+"""One predict and one update of the Kalman filter, for noise that may be correlated with the error."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
+
+from .._arrays import Array, symmetric
+
+__all__ = ["Posterior", "innovation_gain", "predict", "update"]
+
+# Directions of S below this fraction of its largest (scaled) eigenvalue carry no innovation.
+SINGULAR = 1e-14
+
+
+class Posterior(NamedTuple):
+    """What an update returns: state, covariance, and the gain, residual and its covariance behind them."""
+
+    x: Array
+    P: Array
+    K: Array
+    y: Array
+    S: Array
+
+
+def predict(x: Array, P: Array, F: Array, Q: Array, Bu: Array | None = None) -> tuple[Array, Array]:
+    """One step ahead:  x- = F x + B u,  P- = F P F' + Q.
+
+    Parameters
+    ----------
+    x : ndarray, (dim_x,) or (dim_x, 1)
+    P, F, Q : ndarray, (dim_x, dim_x)
+        Q is positive semidefinite and is never inverted.
+    Bu : ndarray, same shape as x, optional
+        What the known input adds to the state.
+
+    Returns
+    -------
+    x, P : ndarray
+        Prior state and covariance, in the shapes of the arguments.
+    """
+    x = F.dot(x)
+    return (x if Bu is None else x + Bu), symmetric(F.dot(P).dot(F.T)) + Q
+
+
+def innovation_gain(C: Array, S: Array) -> Array:
+    """K = C S^-1, the linear minimum-variance gain; for a singular S its pseudo-inverse takes the place.
+
+    Parameters
+    ----------
+    C : ndarray, (dim_x, dim_z)
+        Covariance of the error with the residual.
+    S : ndarray, (dim_z, dim_z)
+        Covariance of the residual, symmetric positive semidefinite.
+    """
+    factor, info = dpotrf(S, lower=1)
+    if info == 0 and _well_conditioned(factor):
+        return np.asarray(dpotrs(factor, C.T, lower=1)[0].T)
+    scale = np.sqrt(np.diag(S))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
+    kept = values > SINGULAR * len(S) * max(values[-1], 0.0)
+    whitener = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
+    return np.asarray((C @ whitener.T) @ whitener)
+
+
+def _well_conditioned(factor: Array) -> bool:
+    """Every component's residual keeps a share of its variance that the others do not explain."""
+    if len(factor) == 1:
+        return bool(factor[0, 0] > 0.0)
+    pivots = np.diag(factor) ** 2
+    variances = (np.tril(factor) ** 2).sum(axis=1)
+    return bool((pivots > SINGULAR * variances).all())
+
+
+def update(x: Array, P: Array, z: Array, H: Array, R: Array, cross: Array | None = None) -> Posterior:
+    """Take in z = H x + v,  cov v = R,  E[e v'] = cross, where e is the prior error.
+
+    K = (P H' + cross) S^-1,  S = H P H' + R + H cross + cross' H', and the Joseph form
+    P+ = (I-KH) P (I-KH)' + K R K' - (I-KH) cross K' - K cross' (I-KH)', which stays positive semidefinite.
+    Without `cross` it is the textbook filter (Simon 2006, section 5.1); with it, equations (13) and (15) of
+    Uribe-Murcia et al. (2022), the last term of (13) corrected.
+
+    Parameters
+    ----------
+    x : ndarray, (dim_x,) or (dim_x, 1)
+    P : ndarray, (dim_x, dim_x)
+    z : ndarray, (dim_z,) or (dim_z, 1), like x
+    H : ndarray, (dim_z, dim_x)
+    R : ndarray, (dim_z, dim_z)
+    cross : ndarray, (dim_x, dim_z), optional
+
+    Returns
+    -------
+    Posterior
+    """
+    y = z - H.dot(x)
+    C = P.dot(H.T)
+    if cross is not None:
+        C = C + cross
+    S = H.dot(C) + R
+    if cross is not None:
+        S = S + cross.T.dot(H.T)
+    S = symmetric(S)
+    K = innovation_gain(C, S)
+    return Posterior(x + K.dot(y), joseph(P, K, H, R, cross), K, y, S)
+
+
+def joseph(P: Array, K: Array, H: Array, R: Array, cross: Array | None = None) -> Array:
+    """Covariance after an update with ANY gain K."""
+    A = -K.dot(H)
+    A.ravel()[:: len(A) + 1] += 1.0
+    P = A.dot(P).dot(A.T) + K.dot(R).dot(K.T)
+    if cross is not None:
+        part = A.dot(cross).dot(K.T)
+        P = P - part - part.T
+    return symmetric(P)
