@@ -1,0 +1,211 @@
+"""`ufirext track FILE`: read, choose, filter, write, draw, tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from ..errors import HorizonError, UnobservableWindow
+from .motion import Choice, choose
+from .reading import read_track
+from .report import show
+from .run import Estimates, run
+from .series import Progress, Track, UnusableTrack, silent
+from .summary import facts, summarise
+from .timing import Timing, timing
+from .writing import default_output, write_left_out, write_track
+
+__all__ = ["track"]
+
+_RESULT = "Results"
+_COLUMNS = "Columns with unusual names"
+_LONG = 2**20  # bytes; shorter files are done before a bar could be read
+
+
+def track(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV or GPX file.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", rich_help_panel=_RESULT, help="Write the estimates to this .csv or .gpx."
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot", "-p", rich_help_panel=_RESULT, help="Draw to this .png, or .html with the table."
+        ),
+    ] = None,
+    left_out: Annotated[
+        Path | None,
+        typer.Option(
+            rich_help_panel=_RESULT, help="Write every row that was left out, and why, to this .csv."
+        ),
+    ] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=2, help="Constant position (0), velocity (1) or acceleration (2); else from the data."
+        ),
+    ] = None,
+    horizon: Annotated[
+        str,
+        typer.Option(
+            metavar="N|auto|adaptive", help="Steps in the window: told, from the data, or on the way."
+        ),
+    ] = "auto",
+    lag: Annotated[int, typer.Option(min=0, help="Smooth: give estimates as of this many steps later.")] = 0,
+    sigma: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of a measured coordinate, m; else from the innovations."),
+    ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Seconds, ISO 8601, or h:m:s."),
+    ] = None,
+    lat: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
+    ] = None,
+    lon: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
+    ] = None,
+    x: Annotated[str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="East, m.")] = None,
+    y: Annotated[str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="North, m.")] = None,
+    delay: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Age of a row on arrival.")
+    ] = None,
+    delay_unit: Annotated[
+        str,
+        typer.Option(
+            metavar="s|steps", rich_help_panel=_COLUMNS, help="Else seconds, unless named .._steps."
+        ),
+    ] = "",
+    truth_x: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="True east, m.")
+    ] = None,
+    truth_y: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="True north, m.")
+    ] = None,
+    truth_lat: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
+    ] = None,
+    truth_lon: Annotated[
+        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
+    ] = None,
+) -> None:
+    """Filter a recorded track and say what was found.
+
+    FILE is a table with named columns (time; lat and lon, or east and north, or x and y in metres; optionally
+    a delay and truth_ columns), or a GPX file. Rows that cannot be used are left out and reported.
+    """
+    roles = ("time", "lat", "lon", "x", "y", "delay", "truth_x", "truth_y", "truth_lat", "truth_lon")
+    names = (time, lat, lon, x, y, delay, truth_x, truth_y, truth_lat, truth_lon)
+    told = {role: name for role, name in zip(roles, names, strict=True) if name is not None}
+    window = _window(horizon)
+    if sigma is not None and not 0 < sigma < float("inf"):
+        raise typer.BadParameter(f"must be a positive number of metres, got {sigma}", param_hint="--sigma")
+    if delay_unit not in ("", "s", "steps"):
+        raise typer.BadParameter(f"must be s or steps, got {delay_unit!r}", param_hint="--delay-unit")
+    target = default_output(file) if output is None else output
+    _check_targets(file, {"--output": target, "--plot": plot, "--left-out": left_out})
+    try:
+        with _bars(file) as progress:
+            recorded = read_track(file, told, progress, delay_unit=delay_unit)
+            axis = timing(recorded)
+            choice = choose(
+                recorded,
+                axis,
+                order=order,
+                horizon=window,
+                adaptive=horizon == "adaptive",
+                lag=lag,
+                sigma=sigma,
+            )
+            estimates = run(recorded, axis, choice.motion, progress)
+            write_track(target, recorded, estimates, progress)
+        lines = facts(recorded, axis, choice, estimates, summarise(recorded, estimates))
+        if left_out is not None:
+            write_left_out(left_out, recorded.left_out)
+            lines.append(("written", f"{left_out} (rows left out)"))
+        lines.append(("written", f"{target} (estimates)"))
+        if plot is not None:
+            _draw(plot, recorded, axis, estimates, choice, lines)
+            lines.append(("written", f"{plot} (picture)"))
+    except UnusableTrack as error:
+        _fail(error)
+    except (HorizonError, UnobservableWindow) as error:
+        raise typer.BadParameter(str(error), param_hint="--horizon, --order, --lag") from error
+    show(Console(), file.name, lines)
+
+
+def _window(text: str) -> int | None:
+    """The horizon that was told, None when the data decide."""
+    if text in ("auto", "adaptive"):
+        return None
+    try:
+        return int(text)
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"must be a number of steps, auto or adaptive, got {text!r}", param_hint="--horizon"
+        ) from error
+
+
+def _check_targets(source: Path, targets: dict[str, Path | None]) -> None:
+    """Before any work: that every file to be written has a known suffix, a folder, and is not the source."""
+    suffixes = {"--output": (".csv", ".gpx"), "--plot": (".png", ".html"), "--left-out": (".csv",)}
+    taken = [source.resolve()]
+    for option, target in targets.items():
+        if target is None:
+            continue
+        if target.suffix.lower() not in suffixes[option]:
+            raise typer.BadParameter(
+                f"must end in {' or '.join(suffixes[option])}, got {target}", param_hint=option
+            )
+        if target.resolve() in taken:
+            raise typer.BadParameter(f"{target} is the input or another result", param_hint=option)
+        if not target.resolve().parent.is_dir() and source.exists():
+            raise typer.BadParameter(f"there is no folder {target.parent}", param_hint=option)
+        taken.append(target.resolve())
+
+
+@contextmanager
+def _bars(file: Path) -> Iterator[Progress]:
+    """Progress bars on a terminal for long files, on standard error; nothing otherwise."""
+    console = Console(stderr=True)
+    if not (console.is_terminal and file.is_file() and file.stat().st_size > _LONG):
+        yield silent
+        return
+    columns = (TextColumn("{task.description:<10}"), BarColumn(), TimeRemainingColumn())
+    with Bars(*columns, console=console, transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def listener(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield listener
+
+
+def _draw(
+    path: Path, track: Track, axis: Timing, estimates: Estimates, choice: Choice, lines: list[tuple[str, str]]
+) -> None:
+    try:
+        from .figure import write_picture
+    except ModuleNotFoundError as error:
+        _fail(f"--plot needs {error.name}: pip install 'ufirext[plot]'")
+    order = ("position", "velocity", "acceleration")[choice.motion.order]
+    window = "adaptive window" if choice.motion.adaptive else f"window of {choice.motion.horizon} steps"
+    write_picture(path, track, axis, estimates, f"{track.path.name}: constant {order}, {window}", lines)
+
+
+def _fail(reason: object) -> NoReturn:
+    Console(stderr=True, soft_wrap=True).print(f"ufirext track: {reason}", markup=False, highlight=False)
+    raise typer.Exit(1)

@@ -1,0 +1,204 @@
+"""A table of text, row by row: what each row says, or why it says nothing."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from .._arrays import Array
+from .columns import Columns, find_columns, normalised
+from .series import Integers, LeftOut, Mask, Progress, UnusableTrack, silent
+from .stamps import Clock, numbers
+
+__all__ = ["Table", "read_table"]
+
+_BLOCK = 50_000
+_FARTHEST = 1e9  # m; beyond the moon a number is not a position
+
+
+@dataclass
+class Table:
+    """The usable rows of a file as columns of numbers, in file order.
+
+    Attributes
+    ----------
+    columns : dict
+        Role -> values (n,); "time" in seconds.
+    lines : ndarray, (n,)
+        Line in the file, from 1.
+    clock : Clock
+    names : dict
+        Role -> heading of its column.
+    rows_read : int
+    left_out : list of LeftOut
+    """
+
+    columns: dict[str, Array]
+    lines: Integers
+    clock: Clock
+    names: dict[str, str]
+    rows_read: int
+    left_out: list[LeftOut]
+
+
+@dataclass
+class _Layout:
+    """What the head of the file tells about the rest."""
+
+    width: int
+    columns: Columns
+    names: dict[str, str]
+    decimal_comma: bool
+    clock: Clock | None = None
+    left_out: list[LeftOut] = field(default_factory=list)
+
+
+def read_table(path: Path, told: Mapping[str, str], progress: Progress = silent) -> Table:
+    """Read a table of delimited text whose first line names the columns.
+
+    Comma, semicolon, tab or bar between the fields; decimal commas where the comma does not separate;
+    UTF-8 or UTF-16, with or without a byte order mark; lines that start with "#" are comments.
+    """
+    encoding = _encoding(path)
+    size = max(path.stat().st_size, 1)
+    blocks: list[tuple[dict[str, Array], Integers]] = []
+    with path.open(encoding=encoding, errors="replace", newline="") as file:
+        header, delimiter, first = _header(file, path)
+        layout = _layout(header, delimiter, told, path)
+        rows = _rows(file, delimiter, first, path)
+        rows_read = 0
+        while block := list(islice(rows, _BLOCK)):
+            rows_read += len(block)
+            blocks.append(_parsed(block, layout))
+            progress("reading", min(_place(file), size), size)
+    if not rows_read:
+        raise UnusableTrack(f"{path}: only a header, no rows")
+    clock = layout.clock or Clock("number")
+    return Table(
+        {role: np.concatenate([columns[role] for columns, _ in blocks]) for role in layout.columns},
+        np.concatenate([lines for _, lines in blocks]),
+        clock,
+        layout.names,
+        rows_read,
+        layout.left_out,
+    )
+
+
+def _place(file: TextIO) -> int:
+    """Bytes read so far: of the file below the text, which itself cannot tell while it is iterated."""
+    buffer = file.buffer
+    return buffer.tell() if isinstance(buffer, io.BufferedReader) else 0
+
+
+def _encoding(path: Path) -> str:
+    with path.open("rb") as file:
+        head = file.read(8192)
+    if not head.strip():
+        raise UnusableTrack(f"{path}: the file is empty")
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if b"\0" in head or sum(byte < 9 or 13 < byte < 32 for byte in head) > len(head) // 20:
+        raise UnusableTrack(f"{path}: a binary file, not a table of text or GPX")
+    return "utf-8-sig"
+
+
+def _header(file: TextIO, path: Path) -> tuple[list[str], str, int]:
+    """Names of the columns, the delimiter, and the number of the header's line."""
+    for number, line in enumerate(iter(file.readline, ""), start=1):
+        if line.strip() and not line.startswith("#"):
+            break
+        if number > 1000:
+            raise UnusableTrack(f"{path}: no header in the first 1000 lines")
+    else:
+        raise UnusableTrack(f"{path}: no header, only empty lines and comments")
+    delimiter = max(",;\t|", key=line.count)
+    try:
+        header = next(csv.reader([line], delimiter=delimiter))
+    except (csv.Error, StopIteration) as error:
+        raise UnusableTrack(f"{path}: line {number} is no header: {error}") from error
+    if np.isfinite(numbers(header, decimal_comma=delimiter != ",")).any():
+        raise UnusableTrack(f"{path}: line {number} must name the columns, got {line.strip()[:60]!r}")
+    return header, delimiter, number
+
+
+def _layout(header: list[str], delimiter: str, told: Mapping[str, str], path: Path) -> _Layout:
+    columns = find_columns(header, told, path)
+    names = {role: normalised(header[place]) for role, place in columns.items()}
+    return _Layout(len(header), columns, names, decimal_comma=delimiter != ",")
+
+
+def _rows(file: TextIO, delimiter: str, before: int, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number and fields of every row that is neither empty nor a comment."""
+    reader = csv.reader(file, delimiter=delimiter)
+    while True:
+        try:
+            for fields in reader:
+                if any(fields) and not fields[0].startswith("#"):
+                    yield before + reader.line_num, fields
+            return
+        except csv.Error as error:  # a field longer than the module allows: an unclosed quote
+            raise UnusableTrack(f"{path}: line {before + reader.line_num}: {error}") from error
+
+
+def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[str, Array], Integers]:
+    """The usable rows of a block as numbers; the others are noted in the layout."""
+    whole = []
+    for line, fields in block:
+        if len(fields) != layout.width and (len(fields) < layout.width or any(fields[layout.width :])):
+            found = f"{len(fields)} fields where the header has {layout.width}"
+            layout.left_out.append(LeftOut(line, "wrong number of fields", found))
+        else:
+            whole.append((line, fields))
+    texts = {role: [fields[place].strip() for _, fields in whole] for role, place in layout.columns.items()}
+    if layout.clock is None and whole:
+        layout.clock = Clock.recognised(texts["time"], layout.names["time"], layout.decimal_comma)
+    clock = layout.clock or Clock("number")
+    values = {role: numbers(each, layout.decimal_comma) for role, each in texts.items() if role != "time"}
+    values["time"] = clock.seconds(texts["time"], layout.decimal_comma)
+    lines = np.array([line for line, _ in whole], dtype=int)
+    good = _checked(values, texts, lines, layout)
+    return {role: each[good] for role, each in values.items()}, lines[good]
+
+
+def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integers, layout: _Layout) -> Mask:
+    """Mask of the rows whose time, position and delay can be used."""
+    good = np.ones(len(lines), dtype=bool)
+
+    def refuse(bad: Mask, role: str, fault: str) -> None:
+        for row in np.flatnonzero(bad & good).tolist():
+            found = f"{layout.names[role]} is {texts[role][row][:40]!r}"
+            layout.left_out.append(LeftOut(int(lines[row]), fault, found))
+        good[bad] = False
+
+    measured = [role for role in ("time", "lat", "lon", "x", "y", "delay") if role in values]
+    for role in measured:
+        empty = np.array(
+            [text.lower() in ("", "nan", "na", "null", "none") for text in texts[role]], dtype=bool
+        )
+        refuse(empty, role, f"no {_LABEL[role]}")
+        refuse(~np.isfinite(values[role]), role, f"{_LABEL[role]} is not a number")
+    for role, limit in (("lat", 90.0), ("lon", 360.0), ("x", _FARTHEST), ("y", _FARTHEST)):
+        if role in values:
+            refuse(np.abs(values[role]) > limit, role, f"{_LABEL[role]} out of range")
+    if "lat" in values:
+        refuse((values["lat"] == 0) & (values["lon"] == 0), "lat", "no fix (latitude and longitude both 0)")
+    if "delay" in values:
+        refuse(values["delay"] < 0, "delay", "negative delay")
+    return good
+
+
+_LABEL = {
+    "time": "time",
+    "lat": "latitude",
+    "lon": "longitude",
+    "x": "first coordinate",
+    "y": "second coordinate",
+    "delay": "delay",
+}

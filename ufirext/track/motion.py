@@ -1,0 +1,182 @@
+"""Motion model, horizon and noise of a track, from the track itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._arrays import Array
+from ..errors import ShapeError
+from ..horizon import best_horizon, horizon_criterion, shortest_horizon
+from ..model import kinematic
+from .run import AXES, Estimates, Motion, run
+from .series import Track
+from .timing import Timing, pieces
+
+__all__ = ["Choice", "choose"]
+
+_BLOCKS, _BLOCK = 8, 2_500  # of rows that the choice between orders looks at
+_APART = 1e6  # steps: longer than any window
+_LONGEST = 100  # steps in a window that is chosen from data
+_WORTH = 0.98  # a higher order must bring the mean square prediction error below this part
+_TINY = 1e-6  # m; a smaller standard deviation of a position means nothing
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A motion model with its horizon and noise, and where each came from.
+
+    Attributes
+    ----------
+    motion : Motion
+    why_order, why_horizon, why_sigma : str
+    errors : dict
+        Order -> (horizon, root mean square one-step prediction error, m), of the orders that were tried.
+    """
+
+    motion: Motion
+    why_order: str
+    why_horizon: str
+    why_sigma: str
+    errors: dict[int, tuple[int, float]]
+
+
+def choose(
+    track: Track,
+    axis: Timing,
+    *,
+    order: int | None = None,
+    horizon: int | None = None,
+    adaptive: bool = False,
+    lag: int = 0,
+    sigma: float | None = None,
+) -> Choice:
+    """The motion that predicts the track's next position best.
+
+    For every order the horizon with the least mean square one-step prediction error (`best_horizon`); of the
+    orders the one whose error is least, on the rows that all of them predict from a whole window.
+    The noise is that under which this horizon is the best one and the innovations are as large as they are.
+    """
+    part, part_axis = _excerpt(track, axis)
+    orders = [order] if order is not None else _possible(part_axis)
+    horizons = {each: _horizon(track, axis, each) if horizon is None else horizon for each in orders}
+    tried = {each: run(part, part_axis, Motion(each, horizons[each])) for each in orders}
+    errors = _errors(tried)
+    best = orders[0]
+    for each in orders[1:]:
+        if errors[each] < _WORTH * errors[best]:
+            best = each
+    chosen = Motion(
+        best, max(horizons[best], 2 * lag + 1 if horizon is None else 0), lag=lag, adaptive=adaptive
+    )
+    q, r = _noise(chosen.order, horizons[best], axis.step, errors[best], sigma)
+    return Choice(
+        replace(chosen, q=q, r=r),
+        "as told" if order is not None else _least(errors),
+        _why_horizon(horizon, adaptive, chosen.horizon, horizons[best]),
+        "as told" if sigma is not None else "from the innovations; slow errors of a receiver are not in it",
+        {each: (horizons[each], float(np.sqrt(errors[each]))) for each in orders},
+    )
+
+
+def _why_horizon(told: int | None, adaptive: bool, used: int, best: int) -> str:
+    if told is not None:
+        return "as told"
+    if adaptive:
+        return "chosen on the way, by prediction error"
+    if used != best:
+        return f"{best} predicts best; longer, so that the lag lies in its middle"
+    return "least one-step prediction error"
+
+
+def _least(errors: dict[int, float]) -> str:
+    listed = ", ".join(f"order {order} {np.sqrt(error):.3g} m" for order, error in errors.items())
+    return f"least one-step prediction error: {listed}"
+
+
+def _excerpt(track: Track, axis: Timing) -> tuple[Track, Timing]:
+    """A long track's blocks of rows, evenly spread; a short one as it is."""
+    if len(track) <= _BLOCKS * _BLOCK:
+        return track, axis
+    starts = np.linspace(0, len(track) - _BLOCK, _BLOCKS).astype(int)
+    rows = (starts[:, None] + np.arange(_BLOCK)).ravel()
+    steps = axis.steps[rows].copy()
+    steps[::_BLOCK] = _APART
+    age = None if track.age is None else track.age[rows]
+    part = replace(
+        track,
+        seconds=track.seconds[rows],
+        position=track.position[rows],
+        lines=track.lines[rows],
+        age=age,
+        truth=None,
+    )
+    return part, replace(axis, steps=steps)
+
+
+def _possible(axis: Timing) -> list[int]:
+    """The orders with a velocity that the longest stretch without a long gap can tell apart.
+
+    Constant position is for those who ask: it has no velocity to write.
+    """
+    longest = max(each.stop - each.start for each in pieces(axis, 8))
+    return [order for order in (1, 2) if longest >= 3 * (order + 3)] or [1]
+
+
+def _horizon(track: Track, axis: Timing, order: int) -> int:
+    """The best horizon for an order, by the track laid on the nearest points of a grid."""
+    model = kinematic(order, AXES, axis.step)
+    least = shortest_horizon(model) + 2
+    steps = np.minimum(np.rint(axis.steps), 8).astype(int)  # a long gap need not be walked through
+    point = np.cumsum(steps)
+    zs = np.full((int(point[-1]) + 1, AXES), np.nan)
+    zs[point] = track.position - track.position[0]
+    try:
+        return best_horizon(model, zs, longest=max(least, min(_LONGEST, len(track) // 4)))
+    except ShapeError:  # too few rows to judge by
+        return least
+
+
+def _errors(tried: dict[int, Estimates]) -> dict[int, float]:
+    """Mean square of the innovations of every order, per coordinate, on the rows that all predict."""
+    common = np.all([each.settled for each in tried.values()], axis=0)
+    if common.sum() < 8:
+        common = np.all([np.isfinite(each.nis) for each in tried.values()], axis=0)
+    return {
+        order: float(np.mean(each.innovation[common] ** 2)) if common.any() else 1.0
+        for order, each in tried.items()
+    }
+
+
+def _noise(order: int, horizon: int, step: float, square: float, sigma: float | None) -> tuple[float, float]:
+    """Noise q and r that make `horizon` the best one and `square` the variance of an innovation.
+
+    The error covariance of a window of N is P_N = r G_N + q W_N. P is flat at the horizon where
+    r (G_{N-1} - G_{N+1}) = q (W_{N+1} - W_{N-1}); an innovation has the variance r a + q b.
+    """
+    model = kinematic(order, 1, step, q=1.0, r=1.0)
+    first = max(shortest_horizon(model), horizon - 1)
+    G = horizon_criterion(model.replace(Q=0.0), first, horizon + 1)
+    W = horizon_criterion(model, first, horizon + 1) - G
+    ratio = float((G[0] - G[-1]) / (W[-1] - W[0]))
+    a, b = _innovation(order, horizon, step)
+    square = max(square, _TINY**2)
+    if sigma is not None:
+        return max(square - sigma**2 * a, 0.0) / b, sigma**2
+    r = square / (a + ratio * b)
+    return ratio * r, r
+
+
+def _innovation(order: int, horizon: int, step: float) -> tuple[float, float]:
+    """Variance of the innovation of one coordinate per unit of r and of q."""
+    from ..gains import ufir_gain
+
+    model = kinematic(order, 1, step, q=1.0, r=1.0)
+    gain = ufir_gain(model, max(horizon, shortest_horizon(model)))
+
+    def predicted(P: Array) -> float:
+        return float((model.F @ P @ model.F.T)[0, 0])
+
+    a = predicted(gain.G) + 1.0
+    return a, predicted(gain.P - gain.G) + float(model.Q[0, 0])

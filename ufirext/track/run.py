@@ -1,0 +1,141 @@
+"""A filter over a track: one estimate for every row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._arrays import Array
+from ..model import Model, kinematic
+from .series import Integers, Mask, Progress, Track, silent
+from .stretch import filter_grid, filter_rows
+from .timing import Timing, pieces
+
+__all__ = ["Estimates", "Motion", "run"]
+
+AXES = 2
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion model and the knobs of the filter.
+
+    Attributes
+    ----------
+    order : {0, 1, 2}
+        Constant position, velocity or acceleration.
+    horizon : int
+        Steps in the window; with `adaptive`, the one that sets which gaps cut the track.
+    q, r : float
+        Spectral density of the process noise, and variance of one measured coordinate, m^2.
+    lag : int
+        Estimates are given as of `lag` steps later.
+    adaptive : bool
+        Let the filter choose the horizon as it goes.
+    """
+
+    order: int
+    horizon: int
+    q: float = 0.0
+    r: float = 1.0
+    lag: int = 0
+    adaptive: bool = False
+
+    def model(self, step: float) -> Model:
+        """The discrete model over `step` seconds."""
+        return kinematic(self.order, AXES, step, q=self.q, r=self.r)
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What a filter makes of a track, row by row.
+
+    Attributes
+    ----------
+    mean, std : ndarray, (n, dim_x)
+        States x, x', .., y, y', .. relative to nothing but the track's plane, and their standard deviations.
+    innovation : ndarray, (n, 2)
+        Measurement minus its prediction, m; NaN where nothing could be predicted yet.
+    innovation_std : ndarray, (n, 2)
+        What the filter expected of it, m.
+    nis : ndarray, (n,)
+        Normalised innovation squared, 2 on average when the covariances are right.
+    ready : ndarray of bool, (n,)
+        Whether the window determines the state; before that the estimate leans on a vague prior.
+    settled : ndarray of bool, (n,)
+        Whether a whole window lies behind the row.
+    starts : ndarray of int
+        Rows at which the filter started afresh.
+    dropped : int
+        Late rows that came too late for the window.
+    """
+
+    mean: Array
+    std: Array
+    innovation: Array
+    innovation_std: Array
+    nis: Array
+    ready: Mask
+    settled: Mask
+    starts: Integers
+    dropped: int = 0
+
+    @property
+    def position(self) -> Array:
+        """(n, 2), m."""
+        return self._axes(self.mean, 0)
+
+    @property
+    def velocity(self) -> Array:
+        """(n, 2), m/s; NaN for a model without velocity."""
+        return self._axes(self.mean, 1)
+
+    @property
+    def position_std(self) -> Array:
+        """(n, 2), m."""
+        return self._axes(self.std, 0)
+
+    @property
+    def velocity_std(self) -> Array:
+        """(n, 2), m/s; NaN for a model without velocity."""
+        return self._axes(self.std, 1)
+
+    def _axes(self, states: Array, derivative: int) -> Array:
+        size = states.shape[1] // AXES
+        if derivative >= size:
+            return np.full((len(states), AXES), np.nan)
+        return states[:, derivative::size]
+
+
+def run(track: Track, axis: Timing, motion: Motion, progress: Progress = silent) -> Estimates:
+    """Filter a track, or smooth it with `motion.lag`; afresh after every gap longer than the window."""
+    stretches = pieces(axis, motion.horizon)
+    out = _blank(len(track), AXES * (motion.order + 1), [each.start for each in stretches])
+    whole = axis.regular and track.age is None and motion.lag == 0
+    dropped = 0
+    for each in stretches:
+        # large coordinates (UTM) would cost digits: the filter works relative to the stretch's first row
+        origin = track.position[each.start]
+        if whole:
+            filter_grid(track, axis, motion, each, origin, out, progress)
+        else:
+            dropped += filter_rows(track, axis, motion, each, origin, out, progress)
+        out.mean[each, :: motion.order + 1] += origin
+    return replace(out, dropped=dropped)
+
+
+def _blank(rows: int, states: int, starts: list[int]) -> Estimates:
+    def unknown(*shape: int) -> Array:
+        return np.full(shape, np.nan)
+
+    return Estimates(
+        mean=unknown(rows, states),
+        std=unknown(rows, states),
+        innovation=unknown(rows, AXES),
+        innovation_std=unknown(rows, AXES),
+        nis=unknown(rows),
+        ready=np.zeros(rows, dtype=bool),
+        settled=np.zeros(rows, dtype=bool),
+        starts=np.array(starts, dtype=np.int64),
+    )

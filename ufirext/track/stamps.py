@@ -1,0 +1,115 @@
+"""Time stamps: texts to seconds, and which rows to leave out so that time runs forward."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from .._arrays import Array
+from .series import Mask
+
+__all__ = ["Clock", "in_order", "numbers"]
+
+_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def numbers(texts: list[str], decimal_comma: bool = False) -> Array:
+    """Floats of texts, NaN where a text is none."""
+    series = pd.Series(texts, dtype=object)
+    if decimal_comma:
+        series = series.str.replace(",", ".", n=1, regex=False)
+    return pd.to_numeric(series, errors="coerce").to_numpy(dtype=float)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How the stamps of one file are written.
+
+    Attributes
+    ----------
+    kind : {"number", "date", "clock"}
+        Plain numbers; ISO 8601 (without a zone: UTC); or hours:minutes:seconds.
+    scale : float
+        Seconds per unit of a plain number.
+    epoch : bool
+        Whether the seconds count from 1970-01-01T00:00:00Z.
+    """
+
+    kind: str
+    scale: float = 1.0
+    epoch: bool = False
+
+    @classmethod
+    def recognised(cls, texts: list[str], name: str, decimal_comma: bool) -> Clock:
+        """The way in which most of `texts`, the first stamps of a column called `name`, can be read."""
+        plain = numbers(texts, decimal_comma)
+        counts = {
+            "number": np.isfinite(plain).sum(),
+            "date": np.isfinite(_dates(texts)).sum(),
+            "clock": np.isfinite(_clock_times(texts)).sum(),
+        }
+        kind = max(counts, key=lambda each: counts[each])  # the first of equals
+        if kind != "number" or counts["number"] == 0:
+            return cls(kind, epoch=kind == "date")
+        size = float(np.nanmedian(np.abs(plain)))
+        scale = _UNITS.get(name.rsplit("_", 1)[-1], 1.0)
+        if scale == 1.0 and not name.endswith("_s"):
+            # seconds since 1970 stay below 1e11 for 3000 years; larger numbers count smaller units
+            scale = 1e-9 if size > 1e17 else 1e-6 if size > 1e14 else 1e-3 if size > 1e11 else 1.0
+        return cls("number", scale, epoch=5e8 < size * scale < 5e9)
+
+    def seconds(self, texts: list[str], decimal_comma: bool) -> Array:
+        """Seconds of stamps, NaN where a text is no stamp of this kind."""
+        if self.kind == "date":
+            return _dates(texts)
+        if self.kind == "clock":
+            return _clock_times(texts)
+        return numbers(texts, decimal_comma) * self.scale
+
+
+def _dates(texts: list[str]) -> Array:
+    stamps = pd.to_datetime(pd.Series(texts, dtype=object), format="ISO8601", utc=True, errors="coerce")
+    since = stamps - pd.Timestamp(0, tz="UTC")
+    return np.asarray(since.dt.total_seconds(), dtype=float)
+
+
+def _clock_times(texts: list[str]) -> Array:
+    series = pd.Series(texts, dtype=object)
+    shaped = series.where(series.str.fullmatch(r"\s*\d{1,2}:\d{2}:\d{2}(\.\d+)?\s*"))
+    spans = pd.to_timedelta(shaped, errors="coerce")
+    return np.asarray(spans.dt.total_seconds(), dtype=float)
+
+
+def in_order(seconds: Array, *, strictly: bool) -> Mask:
+    """Mask of a largest set of rows whose stamps run forward.
+
+    One wild stamp in the future thus costs one row, not all that follow.
+    """
+    steps = np.diff(seconds)
+    if np.all(steps > 0 if strictly else steps >= 0):
+        return np.ones(len(seconds), dtype=bool)
+    return _longest_increasing(seconds, strictly)
+
+
+def _longest_increasing(seconds: Array, strictly: bool) -> Mask:
+    tails: list[float] = []  # tails[k]: smallest last stamp of a forward run of k + 1 rows
+    length = np.empty(len(seconds), dtype=int)
+    for row, stamp in enumerate(seconds.tolist()):
+        # of rows that share a stamp the first is kept
+        place = bisect_left(tails, stamp) if strictly else bisect_right(tails, stamp)
+        if place == len(tails):
+            tails.append(stamp)
+            length[row] = place + 1
+        else:
+            length[row] = 0 if strictly and tails[place] == stamp else place + 1
+            tails[place] = stamp
+    keep = np.zeros(len(seconds), dtype=bool)
+    wanted, bound = len(tails), np.inf
+    for row in range(len(seconds) - 1, -1, -1):
+        if length[row] == wanted and (seconds[row] < bound or (not strictly and seconds[row] <= bound)):
+            keep[row] = True
+            wanted, bound = wanted - 1, seconds[row]
+    return keep

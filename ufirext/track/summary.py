@@ -1,0 +1,174 @@
+"""What came of a track, in numbers and in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from .._arrays import Array
+from .motion import Choice
+from .run import Estimates
+from .series import Integers, LeftOut, Track
+from .timing import Timing
+
+__all__ = ["Summary", "duration", "facts", "summarise"]
+
+_ORDERS = ("constant position", "constant velocity", "constant acceleration")
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics of a filtered track.
+
+    Attributes
+    ----------
+    innovation_std : float
+        Root mean square of the innovations of a coordinate, m, over rows with a whole window behind them.
+    autocorrelation : float
+        Of successive innovations; 0 when all that could be predicted was.
+    nis : float
+        Mean normalised innovation squared; 2 when the covariances are right.
+    judged : int
+        Rows these are taken over.
+    moved : float
+        Root mean square distance between measurement and estimate, m.
+    raw_rmse, filtered_rmse : float or None
+        Root mean square distance to the truth, m, on the rows that have one.
+    true_rows : int
+    """
+
+    innovation_std: float
+    autocorrelation: float
+    nis: float
+    judged: int
+    moved: float
+    raw_rmse: float | None = None
+    filtered_rmse: float | None = None
+    true_rows: int = 0
+
+
+def summarise(track: Track, estimates: Estimates) -> Summary:
+    """The statistics of what a filter made of a track."""
+    judged = estimates.settled & np.isfinite(estimates.nis)
+    if not judged.any():
+        judged = np.isfinite(estimates.nis)
+    y = np.where(judged[:, None], estimates.innovation, np.nan)
+    raw, filtered, true_rows = _to_truth(track, estimates)
+    return Summary(
+        innovation_std=_rms(y),
+        autocorrelation=_autocorrelation(y, estimates.starts),
+        nis=float(np.mean(estimates.nis[judged])) if judged.any() else np.nan,
+        judged=int(judged.sum()),
+        moved=_rms(np.linalg.norm(estimates.position - track.position, axis=1)),
+        raw_rmse=raw,
+        filtered_rmse=filtered,
+        true_rows=true_rows,
+    )
+
+
+def _to_truth(track: Track, estimates: Estimates) -> tuple[float | None, float | None, int]:
+    if track.truth is None or not (known := np.isfinite(track.truth).all(axis=1)).any():
+        return None, None, 0
+    raw, filtered = (
+        _rms(np.linalg.norm(each[known] - track.truth[known], axis=1))
+        for each in (track.position, estimates.position)
+    )
+    return raw, filtered, int(known.sum())
+
+
+def _rms(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else np.nan
+
+
+def _autocorrelation(y: Array, starts: Integers) -> float:
+    first, second = y[:-1].copy(), y[1:]
+    first[starts[starts > 0] - 1] = np.nan  # no pair reaches across a restart
+    both = np.isfinite(first) & np.isfinite(second)
+    power = 0.5 * (np.sum(first[both] ** 2) + np.sum(second[both] ** 2))
+    return float(np.sum(first[both] * second[both]) / power) if power > 0 else np.nan
+
+
+def duration(seconds: float) -> str:
+    """A span of time for people."""
+    if seconds < 120:
+        return f"{seconds:.4g} s"
+    if seconds < 7200:
+        return f"{seconds / 60:.1f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def facts(
+    track: Track, axis: Timing, choice: Choice, estimates: Estimates, summary: Summary
+) -> list[tuple[str, str]]:
+    """The lines of the table: a heading and what there is to say."""
+    motion = choice.motion
+    lines = [
+        ("rows read", f"{track.rows_read:,}; {len(track):,} used"),
+        *_left_out(track.left_out),
+        ("time", _time(track, axis)),
+        ("gaps", _gaps(axis, estimates, motion.horizon)),
+        ("motion model", f"{_ORDERS[motion.order]} ({choice.why_order})"),
+        ("horizon", f"{'adaptive' if motion.adaptive else motion.horizon} ({choice.why_horizon})"),
+    ]
+    if motion.lag:
+        lines.append(("lag", f"{motion.lag} steps, {duration(motion.lag * axis.step)}"))
+    if track.age is not None:
+        lines.append(("delays", _delays(track, estimates)))
+    lines += [
+        ("sigma", f"{np.sqrt(motion.r):.3g} m per coordinate ({choice.why_sigma})"),
+        ("innovations", _innovations(summary)),
+        ("NIS mean", f"{summary.nis:.2f} (2 expected)"),
+        ("estimate - measurement", f"{summary.moved:.3g} m rms"),
+    ]
+    if summary.raw_rmse is not None and summary.filtered_rmse is not None:
+        change = 100.0 * (summary.filtered_rmse / summary.raw_rmse - 1.0) if summary.raw_rmse else np.nan
+        text = f"raw {summary.raw_rmse:.3f} m, filtered {summary.filtered_rmse:.3f} m ({change:+.1f} %)"
+        lines.append(("RMSE to truth", f"{text} on {summary.true_rows:,} rows"))
+    return lines + [("note", note) for note in track.notes]
+
+
+def _innovations(summary: Summary) -> str:
+    return (
+        f"std {summary.innovation_std:.3g} m, lag-1 autocorrelation {summary.autocorrelation:.2f} "
+        f"({summary.judged:,} rows with a whole window behind them)"
+    )
+
+
+def _left_out(left_out: list[LeftOut], shown: int = 5) -> list[tuple[str, str]]:
+    if not left_out:
+        return [("left out", "none")]
+    lines = []
+    ordered = sorted(left_out, key=lambda each: (each.fault, each.line))
+    for fault, group in groupby(ordered, key=lambda each: each.fault):
+        rows = list(group)
+        text = "; ".join(f"line {row.line} ({row.found})" for row in rows[:shown])
+        more = f"; and {len(rows) - shown:,} more" if len(rows) > shown else ""
+        lines.append(("left out", f"{len(rows):,}: {fault}: {text}{more}"))
+    return lines
+
+
+def _time(track: Track, axis: Timing) -> str:
+    span = duration(float(track.seconds[-1] - track.seconds[0]))
+    rate = f"{1.0 / axis.step:.4g} Hz" if axis.step <= 1.0 else f"a row every {axis.step:.4g} s"
+    kind = "on a grid" if axis.regular else "off a grid: steps of their own length"
+    return f"{span}, nominally {rate}, {kind}"
+
+
+def _gaps(axis: Timing, estimates: Estimates, horizon: int) -> str:
+    steps = axis.steps[1:]
+    gaps = steps[steps > 1.5]
+    if not len(gaps):
+        return "none"
+    longest = duration(float(gaps.max()) * axis.step)
+    restarts = len(estimates.starts) - 1
+    text = f"{len(gaps):,}, the longest {longest}"
+    return f"{text}; {restarts} longer than the window, a fresh start after each" if restarts else text
+
+
+def _delays(track: Track, estimates: Estimates) -> str:
+    ages = np.asarray(track.age)
+    text = f"mean {ages.mean():.3g} {track.age_unit}, longest {ages.max():.3g} {track.age_unit}"
+    return f"{text}; {estimates.dropped} rows too late for the window" if estimates.dropped else text

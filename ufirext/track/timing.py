@@ -1,0 +1,81 @@
+"""How the rows of a track lie in time: the nominal step, the grid, the gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._arrays import Array
+from .series import Track, UnusableTrack
+
+__all__ = ["Timing", "pieces", "timing"]
+
+_NEARLY = 0.05  # of a step: closer to the grid than this counts as on it
+_FINE = 1000  # stamps off the grid are rounded to this part of a step
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The time axis of a track.
+
+    Attributes
+    ----------
+    step : float
+        Nominal step, s.
+    regular : bool
+        Whether the rows lie on a grid of that step (some of its points may be empty).
+    steps : ndarray, (n,)
+        Steps since the row before, 0 for the first; whole numbers on a grid, else multiples of 1/1000.
+    """
+
+    step: float
+    regular: bool
+    steps: Array
+
+
+def timing(track: Track, longest: int = 64) -> Timing:
+    """Nominal step and place of every row; gaps longer than `longest` steps need not fit the grid."""
+    spans = np.diff(track.seconds)
+    forward = spans[spans > 0]
+    if not len(forward):
+        raise UnusableTrack(
+            f"{track.path}: only one time stamp among its {len(track)} usable rows{_why(track)}"
+        )
+    step = _step(spans, float(f"{np.median(forward):.12g}"), longest)
+    steps = spans / step
+    regular = _on_grid(spans, step, longest)
+    if regular:
+        steps = np.rint(steps)
+    else:
+        fine = np.rint(np.concatenate([[0.0], np.cumsum(np.minimum(steps, 1e6))]) * _FINE)
+        steps = np.maximum(np.diff(fine), spans > 0) / _FINE
+    return Timing(step, regular, np.concatenate([[0.0], steps]))
+
+
+def _step(spans: Array, median: float, longest: int) -> float:
+    """The median step, or what many steps together say, where they lie on its grid: stamps are rounded."""
+    inner = spans[spans <= longest * median]
+    whole = float(np.rint(inner / median).sum())
+    finer = float(inner.sum()) / max(whole, 1.0)
+    return finer if whole > 0 and _on_grid(spans, finer, longest) else median
+
+
+def _on_grid(spans: Array, step: float, longest: int) -> bool:
+    steps = spans / step
+    near = np.abs(steps - np.rint(steps)) <= _NEARLY
+    distinct = (np.rint(steps) >= 1) | (spans == 0)
+    return bool(np.all((near | (steps > longest)) & distinct))
+
+
+def _why(track: Track) -> str:
+    if not track.left_out:
+        return ""
+    first = track.left_out[0]
+    return f" ({len(track.left_out)} left out; the first, line {first.line}: {first.fault})"
+
+
+def pieces(axis: Timing, horizon: int) -> list[slice]:
+    """The stretches between gaps longer than a window of `horizon` steps; a filter starts afresh in each."""
+    cuts = np.flatnonzero(axis.steps > horizon).tolist()
+    return [slice(start, stop) for start, stop in zip([0, *cuts], [*cuts, len(axis.steps)], strict=True)]
