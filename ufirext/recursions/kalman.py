@@ -58,7 +58,7 @@ def innovation_gain(C: Array, S: Array) -> Array:
     factor, info = dpotrf(S, lower=1)
     if info == 0 and _well_conditioned(factor):
         return np.asarray(dpotrs(factor, C.T, lower=1)[0].T)
-    scale = np.sqrt(np.diag(S))
+    scale = np.sqrt(np.maximum(np.diag(S), 0.0))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
     kept = values > SINGULAR * len(S) * max(values[-1], 0.0)
