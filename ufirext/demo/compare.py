@@ -1,0 +1,211 @@
+"""The same packets to several filters, over and over, and how far each ends up from the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from .._arrays import Array
+from ..model import Model, kinematic
+from .simulate import Arrivals, Drive, Link, transmit
+
+__all__ = ["CONTENDERS", "SCENARIOS", "Contender", "Score", "Trial", "compare", "estimate", "tuned_density"]
+
+SETTLING = 20
+"""Steps at the start that are not scored: every filter is still finding the speed."""
+
+SCENARIOS = {
+    "all on time": Link(),
+    "30 % lost": Link(loss=0.3),
+    "10 % lost, 40 % late": Link(loss=0.1, late=0.4, longest=3),
+}
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One filter and what its user does with late packets.
+
+    Attributes
+    ----------
+    name : str
+    horizon : int or str or None
+        UFIRFilter's horizon; None for filterpy's KalmanFilter.
+    scale : float or None
+        Factor on the right Q; None: the filter is told neither Q nor R and keeps its defaults.
+    late : {"delay", "as new", "dropped"}
+        What happens to a late packet: update(z, delay=d); update(z) as if on time; nothing.
+    """
+
+    name: str
+    horizon: int | str | None
+    scale: float | None = 1.0
+    late: Literal["delay", "as new", "dropped"] = "delay"
+
+
+CONTENDERS = (
+    Contender("KalmanFilter, right Q, R", None, late="as new"),
+    Contender("KalmanFilter, right Q, R, late dropped", None, late="dropped"),
+    Contender("KalmanFilter, Q x 100 (or R / 100)", None, 100.0, late="as new"),
+    Contender("KalmanFilter, Q x 10 (or R / 10)", None, 10.0, late="as new"),
+    Contender("KalmanFilter, Q / 10 (or R x 10)", None, 0.1, late="as new"),
+    Contender("KalmanFilter, Q / 100 (or R x 100)", None, 0.01, late="as new"),
+    Contender("UFIRFilter auto, right Q, R", "auto"),
+    Contender("UFIRFilter auto, Q x 100 (or R / 100)", "auto", 100.0),
+    Contender("UFIRFilter auto, Q / 100 (or R x 100)", "auto", 0.01),
+    Contender("UFIRFilter adaptive, no Q, no R", "adaptive", None),
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run: the truth, what was measured of it at each step, and the steps' models.
+
+    Attributes
+    ----------
+    drive : Drive
+    measured : ndarray, (n, 2)
+        m.
+    models : sequence of Model, (n,)
+        models[i] leads from step i - 1 to step i.
+    """
+
+    drive: Drive
+    measured: Array
+    models: Sequence[Model]
+
+
+@dataclass(frozen=True)
+class Score:
+    """Root-mean-square position error of one contender in one scenario.
+
+    Attributes
+    ----------
+    rmse : float
+        Mean over the runs, m.
+    error : float
+        Standard error of that mean, m; NaN for a single run.
+    """
+
+    rmse: float
+    error: float
+
+
+def models(seconds: Array, q: float, r: float) -> list[Model]:
+    """Constant-velocity models between stamps, equal steps sharing one model."""
+    steps = np.diff(seconds, prepend=seconds[0] - float(np.median(np.diff(seconds)))).round(6)
+    cache = {dt: kinematic(1, 2, dt, q=q, r=r) for dt in np.unique(steps).tolist()}
+    return [cache[dt] for dt in steps.tolist()]
+
+
+def build(contender: Contender, trial: Trial) -> Any:
+    """The contender's filter at the trial's first measurement, at rest."""
+    model = trial.models[0]
+    if contender.horizon is None:
+        from filterpy.kalman import KalmanFilter
+
+        f: Any = KalmanFilter(4, 2)
+    else:
+        from ..filters.ufir import UFIRFilter
+
+        f = UFIRFilter(4, 2, horizon=contender.horizon)
+    f.F, f.H = model.F.copy(), model.H.copy()
+    if contender.scale is not None:
+        f.Q, f.R = contender.scale * model.Q, model.R.copy()
+    f.P = np.diag([model.R[0, 0], 100.0, model.R[1, 1], 100.0])
+    f.x = (model.H.T @ trial.measured[0]).reshape(4, 1)
+    return f
+
+
+def estimate(contender: Contender, trial: Trial, arrivals: Arrivals) -> Array:
+    """Estimated positions (n, 2), m, after the packets of each step."""
+    f = build(contender, trial)
+    steady = all(model is trial.models[0] for model in trial.models)
+    scale = contender.scale
+    positions = np.empty_like(trial.measured)
+    for step, packets in enumerate(arrivals):
+        if steady:
+            f.predict()
+        else:
+            model = trial.models[step]
+            f.predict(F=model.F, Q=None if scale is None else scale * model.Q)
+        _feed(f, contender, trial.measured, packets)
+        positions[step] = f.x[::2, 0]
+    return positions
+
+
+def _feed(f: Any, contender: Contender, measured: Array, packets: list[tuple[int, int]]) -> None:
+    used = [p for p in packets if p[1] == 0 or contender.late != "dropped"]
+    for origin, delay in used:
+        z = measured[origin].reshape(2, 1)
+        if contender.late == "delay" and delay:
+            f.update(z, delay=delay)
+        else:
+            f.update(z)
+    if not used:
+        f.update(None)
+
+
+def rmse(positions: Array, truth: Array) -> float:
+    """Root of the mean squared distance after the first SETTLING steps, m."""
+    squared = ((positions - truth)[SETTLING:] ** 2).sum(axis=1)
+    return float(np.sqrt(np.nanmean(squared)))
+
+
+def tuned_density(trial_of: Callable[[float], Trial], around: float = 1.0) -> float:
+    """The noise density q, m^2/s^3, of the constant-velocity Kalman filter of least error on a trial.
+
+    It looks at the truth, which nobody has outside a simulation: the best that a constant Q can do.
+    """
+    contender = CONTENDERS[0]
+
+    def error(exponent: float) -> float:
+        trial = trial_of(around * 10.0**exponent)
+        arrivals = transmit(np.random.default_rng(0), len(trial.drive), Link())
+        return rmse(estimate(contender, trial, arrivals), trial.drive.position)
+
+    best = min(np.arange(-2.0, 3.01, 0.5).tolist(), key=error)
+    best = min((best + np.arange(-0.4, 0.41, 0.1)).tolist(), key=error)
+    return float(around * 10.0**best)
+
+
+def compare(
+    trial: Callable[[np.random.Generator], Trial],
+    rng: np.random.Generator,
+    runs: int,
+    tick: Callable[[], None] = lambda: None,
+) -> dict[str, dict[str, Score]]:
+    """Scores by contender and scenario over independent runs, every contender on the same packets.
+
+    Parameters
+    ----------
+    trial : callable
+        Draws one trial.
+    rng : numpy.random.Generator
+    runs : int
+    tick : callable, optional
+        Called after each scenario of each run.
+    """
+    found: dict[str, dict[str, list[float]]] = {c.name: {} for c in CONTENDERS}
+    for _ in range(runs):
+        drawn = trial(rng)
+        for scenario, link in SCENARIOS.items():
+            arrivals = transmit(rng, len(drawn.drive), link)
+            for contender in CONTENDERS:
+                if contender.late == "dropped" and not link.late:
+                    continue
+                value = rmse(estimate(contender, drawn, arrivals), drawn.drive.position)
+                found[contender.name].setdefault(scenario, []).append(value)
+            tick()
+    return {
+        name: {scenario: _score(values) for scenario, values in scenarios.items()}
+        for name, scenarios in found.items()
+    }
+
+
+def _score(values: list[float]) -> Score:
+    error = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+    return Score(float(np.mean(values)), error)
