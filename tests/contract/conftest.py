@@ -48,7 +48,7 @@ FACES = (FILTERPY, *UFIR)
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "contract(item, better=False): item of the drop-in contract; better: filterpy fails it and is not asked",
+        "contract(item, better=False): an item of the contract; better: filterpy fails it and is not asked",
     )
 
 

@@ -36,6 +36,16 @@ class Row:
     R: Array
 
 
+def extended(rows: list[Row], now: int, horizon: int, instants: int) -> list[Row]:
+    """Rows of (now - horizon, now], and older ones, an instant at a time, while there are fewer instants."""
+    chosen = [row for row in rows if row.origin > now - horizon]
+    older = sorted({row.origin for row in rows} - {row.origin for row in chosen})
+    while older and len({row.origin for row in chosen}) < instants:
+        chosen += [row for row in rows if row.origin == older[-1]]
+        older.pop()
+    return chosen
+
+
 def window_estimate(rows: list[Row], F: Array, Q: Array, now: int) -> tuple[Array, Array]:
     """Weighted least squares over ``rows`` for the state at ``now``, and its exact error covariance.
 

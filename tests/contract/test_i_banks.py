@@ -86,7 +86,7 @@ def test_an_mmae_bank_finds_the_model_that_accelerates(make, column, rng):
     bank = MMAEFilterBank(filters, np.array([0.5, 0.5]), dim_x=3)
     for n in range(60):
         bank.predict()
-        bank.update(n + 0.05 * n**2 + rng.standard_normal())
+        bank.update(n + 2.0 * n**2 + rng.standard_normal())
         assert np.isfinite(bank.x).all()
         assert np.isfinite(bank.P).all()
         np.testing.assert_allclose(bank.p.sum(), 1.0)
