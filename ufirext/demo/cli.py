@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copyfile
 from typing import Annotated
 
 import numpy as np
@@ -45,7 +46,7 @@ def demo(
     for note in notes:
         console.print(f"- {note}", highlight=False, soft_wrap=True)
     if image is not None:
-        figure.savefig(image, dpi=100)
+        copyfile(paths["picture.png"], image)
         console.print(f"Picture: {image}", soft_wrap=True)
     console.print(f"Report: {paths['report.html'].resolve()}", highlight=False, soft_wrap=True)
 

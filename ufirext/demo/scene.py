@@ -74,7 +74,7 @@ def recorded(path: Path, rng: np.random.Generator, noise: float) -> Scene:
         notes.append("Rows that were late in the file are left out: the demo makes delays of its own.")
     rows = rows[_stretch(track.seconds[rows])]
     notes.append(
-        f"{len(rows)} of {track.rows_read} rows are used: the longest stretch without a gap, at most {LONGEST}."
+        f"{len(rows)} of {track.rows_read} rows are used: the longest without a gap, at most {LONGEST}."
     )
     seconds = track.seconds[rows] - track.seconds[rows[0]]
     if track.truth is not None:

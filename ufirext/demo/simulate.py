@@ -129,7 +129,7 @@ def _route(rng: np.random.Generator, length: float, speed: float, stops: float) 
         pace[block - 1] = CRAWL if red else pace[0]
         pace[block:] = min(CORNER_SPEED, speed) if turn else pace[0]
         bend = np.zeros(block + corner)
-        bend[block:] = turn / CORNER_RADIUS
+        bend[block:] = turn * 0.5 * np.pi / (corner * GRID)
         curvature.append(bend)
         limit.append(pace)
         wait.append(pause)
