@@ -82,7 +82,7 @@ def column(value: ArrayLike, size: int, name: str) -> Array:
     """A vector of `size` in any of filterpy's forms (scalar, list, row, column) as a flat (size,) array."""
     array = real(value, name)
     flat = array.reshape(-1)
-    if flat.size != size or sum(n != 1 for n in array.shape) > 1:
+    if flat.size != size or array.ndim > 2 or sum(n != 1 for n in array.shape) > 1:
         raise ShapeError(f"{name} must hold {size} number{'s' if size != 1 else ''}, got shape {array.shape}")
     return flat
 

@@ -114,8 +114,9 @@ class Records:
         bound = self.now - limits.reach
         if self.rows and _key(self.rows[0], limits) <= bound:
             self.rows = [row for row in self.rows if _key(row, limits) > bound]
+        # A late row may still come from as far back as the reach.
         oldest = min((row.origin for row in self.rows), default=self.now)
-        while self.first < min(oldest, self.now):
+        while self.first < min(oldest, bound):
             self.steps.popleft()
             self.first += 1
 

@@ -10,14 +10,15 @@ import numpy as np
 
 from .._arrays import Array, readonly
 
-# sys.getrefcount of an array only this module holds: the attribute and the call's own argument.
-_ALONE = 2
+# sys.getrefcount of an array that only a Live holds: its slot, the local name and the call's own argument.
+_ALONE = 3
 
 
 class Live:
-    """A matrix with two faces: `value`, frozen, for the library; an editable copy for the client.
+    """A matrix with two faces: `value`, frozen, for the library; an editable array for the client.
 
-    The copy is compared with the frozen value at the next verb, only while somebody may still hold it.
+    The client's array (the one assigned, as filterpy keeps it, or a copy handed out) is compared with the frozen
+    value at the next verb, only while somebody else may still hold it.
     """
 
     __slots__ = ("_check", "_handed", "value")
@@ -34,10 +35,11 @@ class Live:
         return self._handed
 
     def assign(self, value: Any) -> None:
-        """A new value from outside, validated and copied."""
+        """A new value from outside, validated; edits of the array assigned keep counting."""
         array = self._check(value)
-        self._handed = None
-        self.value = readonly(array if array is not value else array.copy())
+        same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
+        self._handed = value if same and value.flags.writeable else None
+        self.value = readonly(array)
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""
@@ -45,10 +47,11 @@ class Live:
         if handed is None:
             return False
         if handed.tobytes() == self.value.tobytes():
-            if sys.getrefcount(handed) <= _ALONE + 1:
+            # Whoever holds a view holds its base: an array that is a view itself can be edited behind our back.
+            if handed.base is None and sys.getrefcount(handed) <= _ALONE:
                 self._handed = None
             return False
-        self.value = readonly(self._check(handed.copy()))
+        self.value = readonly(self._check(handed))
         return True
 
     @property

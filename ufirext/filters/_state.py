@@ -161,6 +161,12 @@ class FilterState:
         else:
             self.prior = (self.x, P)
 
+    def show_earlier(self, z: Array | None) -> None:
+        """Fill the published z with the components earlier partial updates of this step brought."""
+        last = self.last
+        if last is not None and last.z is not None and z is not None and z.shape == last.z.shape:
+            self.last = replace(last, z=np.where(last.mask, last.z, z))
+
     # -- what a kind of filter does ---------------------------------------------------------------------------
 
     def _advance(self, F: Array, Q: Array, known: Array | None) -> None:

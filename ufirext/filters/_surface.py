@@ -297,7 +297,10 @@ class FilterSurface:
             H[start:stop] = matrix(np.atleast_2d(real(H_i, "H_i")), (len(values), self.dim_x), "H_i")
         if R_i is not None:
             R[start:stop, start:stop] = covariance(np.squeeze(real(R_i, "R_i"))[()], len(values), "R_i")
+        before, same_step = state.last, state.updated
         state.update(z, H, R, 0)
+        if same_step and before is not None:
+            state.show_earlier(before.z)
 
     # -- helpers ----------------------------------------------------------------------------------------------
 
