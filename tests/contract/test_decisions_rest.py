@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -115,7 +117,7 @@ def test_the_automatic_horizon_follows_the_model_at_most_once_per_horizon(column
         horizons.append(f.horizon)
     changes = [n for n in range(1, 201) if horizons[n] != horizons[n - 1]]
     assert changes
-    for earlier, later in zip(changes, changes[1:], strict=False):
+    for earlier, later in pairwise(changes):
         assert later - earlier >= horizons[earlier]
 
 
