@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
-from ..errors import HorizonError, UnobservableWindow
+from ..errors import HorizonError, UfirextError, UnobservableWindow
 from .motion import Choice, choose
 from .reading import read_track
 from .report import show
@@ -142,6 +142,8 @@ def track(
         _fail(error)
     except (HorizonError, UnobservableWindow) as error:
         raise typer.BadParameter(str(error), param_hint="--horizon, --order, --lag") from error
+    except UfirextError as error:
+        _fail(error)
     show(Console(), file.name, lines)
 
 

@@ -21,6 +21,7 @@ __all__ = ["Table", "read_table"]
 
 _BLOCK = 50_000
 _FARTHEST = 1e9  # m; beyond the moon a number is not a position
+_LATEST = 1e12  # s; nor is it a time after 30 000 years
 
 
 @dataclass
@@ -69,10 +70,10 @@ def read_table(path: Path, told: Mapping[str, str], progress: Progress = silent)
     encoding = _encoding(path)
     size = max(path.stat().st_size, 1)
     blocks: list[tuple[dict[str, Array], Integers]] = []
-    with path.open(encoding=encoding, errors="replace", newline="") as file:
+    with path.open(encoding=encoding, errors="replace", newline=None) as file:
         header, delimiter, first = _header(file, path)
         layout = _layout(header, delimiter, told, path)
-        rows = _rows(file, delimiter, first, path)
+        rows = _rows(file, delimiter, first)
         rows_read = 0
         while block := list(islice(rows, _BLOCK)):
             rows_read += len(block)
@@ -118,6 +119,8 @@ def _header(file: TextIO, path: Path) -> tuple[list[str], str, int]:
             raise UnusableTrack(f"{path}: no header in the first 1000 lines")
     else:
         raise UnusableTrack(f"{path}: no header, only empty lines and comments")
+    if line.lstrip().startswith("<"):
+        raise UnusableTrack(f"{path}: XML, but not GPX")
     delimiter = max(",;\t|", key=line.count)
     try:
         header = next(csv.reader([line], delimiter=delimiter))
@@ -134,17 +137,21 @@ def _layout(header: list[str], delimiter: str, told: Mapping[str, str], path: Pa
     return _Layout(len(header), columns, names, decimal_comma=delimiter != ",")
 
 
-def _rows(file: TextIO, delimiter: str, before: int, path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number and fields of every row that is neither empty nor a comment."""
-    reader = csv.reader(file, delimiter=delimiter)
-    while True:
+def _rows(file: TextIO, delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
+    """Line number and fields of every line that is neither empty nor a comment.
+
+    Line by line, so that a stray quote spoils its own line and not the rest of the file.
+    """
+    for number, line in enumerate(file, start=before + 1):
+        if line.isspace() or line.startswith("#"):
+            continue
+        if '"' not in line:
+            yield number, line.rstrip("\n").split(delimiter)
+            continue
         try:
-            for fields in reader:
-                if any(fields) and not fields[0].startswith("#"):
-                    yield before + reader.line_num, fields
-            return
-        except csv.Error as error:  # a field longer than the module allows: an unclosed quote
-            raise UnusableTrack(f"{path}: line {before + reader.line_num}: {error}") from error
+            yield number, next(csv.reader([line.rstrip("\n")], delimiter=delimiter))
+        except csv.Error:  # a field longer than the module allows
+            yield number, []
 
 
 def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[str, Array], Integers]:
@@ -184,7 +191,7 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
         )
         refuse(empty, role, f"no {_LABEL[role]}")
         refuse(~np.isfinite(values[role]), role, f"{_LABEL[role]} is not a number")
-    for role, limit in (("lat", 90.0), ("lon", 360.0), ("x", _FARTHEST), ("y", _FARTHEST)):
+    for role, limit in _LIMITS:
         if role in values:
             refuse(np.abs(values[role]) > limit, role, f"{_LABEL[role]} out of range")
     if "lat" in values:
@@ -194,6 +201,7 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
     return good
 
 
+_LIMITS = (("time", _LATEST), ("lat", 90.0), ("lon", 360.0), ("x", _FARTHEST), ("y", _FARTHEST))
 _LABEL = {
     "time": "time",
     "lat": "latitude",

@@ -21,7 +21,7 @@ from .timing import Timing
 __all__ = ["DARK", "LIGHT", "Theme", "draw", "write_picture"]
 
 _MOST = 20_000  # points drawn of a series; longer ones are thinned
-_VECTORS = 4_000  # above this the curves of an SVG are embedded as pixels
+_VECTORS = 500  # rows; above this the curves of an SVG are embedded as pixels
 _CLOSE = 60  # rows in the closer look
 
 
@@ -91,13 +91,8 @@ def _dress(panel: Axes, theme: Theme) -> None:
     panel.tick_params(colors=theme.ink)
     for spine in panel.spines.values():
         spine.set_color(theme.grid)
-    for text in (panel.xaxis.label, panel.yaxis.label, panel.title):
-        text.set_color(theme.ink)
-    legend = panel.get_legend()
-    if legend is not None:
-        legend.get_frame().set(facecolor=theme.ground, edgecolor=theme.grid, alpha=0.85)
-        for text in legend.get_texts():
-            text.set_color(theme.ink)
+    panel.xaxis.label.set_color(theme.ink)
+    panel.yaxis.label.set_color(theme.ink)
 
 
 class _Picture:
@@ -138,7 +133,7 @@ class _Picture:
             *filtered.T, ".-", color=self.theme.filtered, linewidth=1.5, markersize=5, label="estimated"
         )
         first, last = self.time[rows.start], self.time[rows.stop - 1]
-        self._map(panel, f"Where they differ most: {first:.4g} to {last:.4g} {self.unit}")
+        self._map(panel, f"Closer: {first:.1f} to {last:.1f} {self.unit}")
 
     def _most_moved(self) -> slice:
         """The stretch of rows, within one run of the filter, where estimate and measurement differ most."""
@@ -153,12 +148,21 @@ class _Picture:
     def _map(self, panel: Axes, title: str) -> None:
         panel.set_aspect("equal", adjustable="datalim")
         first, second = self.track.axes
-        panel.set(title=title, xlabel=f"{first}, m", ylabel=f"{second}, m")
-        panel.legend(loc="best", fontsize=9)
+        panel.set(xlabel=f"{first}, m", ylabel=f"{second}, m")
+        self._head(panel, title)
 
     def _over_time(self, panel: Axes, title: str, label: str) -> None:
-        panel.set(title=title, xlabel=f"time, {self.unit}", ylabel=label)
-        panel.legend(loc="upper right", fontsize=9)
+        panel.set(xlabel=f"time, {self.unit}", ylabel=label)
+        panel.margins(x=0.02)
+        self._head(panel, title)
+
+    def _head(self, panel: Axes, title: str) -> None:
+        """Title on the left and legend on the right above the panel, where they hide nothing."""
+        panel.set_title(title, loc="left", fontsize=11, color=self.theme.ink)
+        panel.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False,
+            labelcolor=self.theme.ink,             borderaxespad=0.1, handlelength=1.4, columnspacing=1.0,
+        )  # fmt: skip
 
     def innovations(self, panel: Axes) -> None:
         time, y, std = self._thin(self.time, self.estimates.innovation, self.estimates.innovation_std)
@@ -168,7 +172,7 @@ class _Picture:
             2 * std[:, 0],
             color=self.theme.grid,
             linewidth=0,
-            label="two standard deviations",
+            label="2 std",
         )
         for column, color in enumerate((self.theme.filtered, self.theme.second)):
             name = self.track.axes[column]
@@ -177,7 +181,7 @@ class _Picture:
         if len(shown):
             limit = 1.1 * float(max(np.quantile(shown, 0.999), 2.5 * np.nanmedian(std)))
             panel.set_ylim(-limit, limit)
-        self._over_time(panel, "Residuals: measurement minus its prediction", "m")
+        self._over_time(panel, "Residuals", "measurement - prediction, m")
 
     def errors(self, panel: Axes) -> None:
         truth = np.asarray(self.track.truth)
@@ -202,7 +206,7 @@ class _Picture:
         )
         low, high = np.maximum(speed - 2 * spread, 0.0), speed + 2 * spread
         panel.fill_between(
-            time, low, high, color=self.theme.raw, alpha=0.4, linewidth=0, label="two standard deviations"
+            time, low, high, color=self.theme.raw, alpha=0.4, linewidth=0, label="2 std", **self.pixels
         )
         panel.plot(time, speed, color=self.theme.filtered, linewidth=1, label="speed", **self.pixels)
         panel.set_ylim(

@@ -26,6 +26,11 @@ class LocalFrame(NamedTuple):
         east, north, _ = pymap3d.geodetic2enu(latlon[:, 0], latlon[:, 1], 0.0, self.lat, self.lon, 0.0)
         return np.column_stack([east, north])
 
+    def distance(self, latlon: Array) -> Array:
+        """Straight through the earth, m, from the origin to points (n, 2) in degrees."""
+        offsets = pymap3d.geodetic2enu(latlon[:, 0], latlon[:, 1], 0.0, self.lat, self.lon, 0.0)
+        return np.asarray(np.linalg.norm(np.column_stack(offsets), axis=1), dtype=float)
+
     def to_latlon(self, position: Array) -> Array:
         """Latitude and longitude (n, 2), degrees, of the points of the ellipsoid above or below the plane."""
         east, north = position[:, 0], position[:, 1]

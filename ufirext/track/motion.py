@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._arrays import Array
 from ..errors import ShapeError
+from ..gains import ufir_gain
 from ..horizon import best_horizon, horizon_criterion, shortest_horizon
 from ..model import kinematic
 from .run import AXES, Estimates, Motion, run
 from .series import Track
-from .timing import Timing, pieces
+from .timing import Timing, age_in_steps, pieces
 
 __all__ = ["Choice", "choose"]
 
@@ -20,6 +20,7 @@ _BLOCKS, _BLOCK = 8, 2_500  # of rows that the choice between orders looks at
 _APART = 1e6  # steps: longer than any window
 _LONGEST = 100  # steps in a window that is chosen from data
 _WORTH = 0.98  # a higher order must bring the mean square prediction error below this part
+_FEW = 8  # rows with a whole window behind them; with fewer, shorter windows count as well
 _TINY = 1e-6  # m; a smaller standard deviation of a position means nothing
 
 
@@ -70,29 +71,49 @@ def choose(
     chosen = Motion(
         best, max(horizons[best], 2 * lag + 1 if horizon is None else 0), lag=lag, adaptive=adaptive
     )
-    q, r = _noise(chosen.order, horizons[best], axis.step, errors[best], sigma)
+    q, r = _noise(best, horizons[best], errors[best], sigma)
     return Choice(
         replace(chosen, q=q, r=r),
-        "as told" if order is not None else _least(errors),
-        _why_horizon(horizon, adaptive, chosen.horizon, horizons[best]),
-        "as told" if sigma is not None else "from the innovations; slow errors of a receiver are not in it",
+        _why_order(order, errors),
+        _why_horizon(horizon, adaptive, chosen.horizon, horizons[best], errors[best]),
+        _why_sigma(sigma, errors[best]),
         {each: (horizons[each], float(np.sqrt(errors[each]))) for each in orders},
     )
 
 
-def _why_horizon(told: int | None, adaptive: bool, used: int, best: int) -> str:
+def _why_order(told: int | None, errors: dict[int, float]) -> str:
+    if told is not None:
+        return "as told"
+    if len(errors) == 1:
+        return "too few rows in a row to judge others"
+    listed = ", ".join(f"order {order} {_metres(error)}" for order, error in errors.items())
+    return f"least one-step prediction error: {listed}"
+
+
+def _metres(square: float) -> str:
+    return f"{np.sqrt(square):.3g} m" if square > _TINY**2 else f"under {_TINY:g} m"
+
+
+def _why_horizon(told: int | None, adaptive: bool, used: int, best: int, square: float) -> str:
     if told is not None:
         return "as told"
     if adaptive:
         return "chosen on the way, by prediction error"
     if used != best:
         return f"{best} predicts best; longer, so that the lag lies in its middle"
+    if np.isnan(square):
+        return "two more than the least: too few rows to judge by"
     return "least one-step prediction error"
 
 
-def _least(errors: dict[int, float]) -> str:
-    listed = ", ".join(f"order {order} {np.sqrt(error):.3g} m" for order, error in errors.items())
-    return f"least one-step prediction error: {listed}"
+def _why_sigma(told: float | None, square: float) -> str:
+    if told is not None:
+        return "as told"
+    if np.isnan(square):
+        return "assumed: too few rows to tell"
+    if square <= _TINY**2:
+        return "at most: the motion model explains every row"
+    return "from the innovations; slow errors of a receiver are not in it"
 
 
 def _excerpt(track: Track, axis: Timing) -> tuple[Track, Timing]:
@@ -126,12 +147,13 @@ def _possible(axis: Timing) -> list[int]:
 
 def _horizon(track: Track, axis: Timing, order: int) -> int:
     """The best horizon for an order, by the track laid on the nearest points of a grid."""
-    model = kinematic(order, AXES, axis.step)
+    model = kinematic(order, AXES, 1.0)
     least = shortest_horizon(model) + 2
-    steps = np.minimum(np.rint(axis.steps), 8).astype(int)  # a long gap need not be walked through
-    point = np.cumsum(steps)
-    zs = np.full((int(point[-1]) + 1, AXES), np.nan)
-    zs[point] = track.position - track.position[0]
+    steps = np.minimum(np.rint(axis.steps), 8)  # a long gap need not be walked through
+    taken = np.rint(np.cumsum(steps) - age_in_steps(track, axis)).astype(int)
+    taken -= taken.min()
+    zs = np.full((int(taken.max()) + 1, AXES), np.nan)
+    zs[taken] = track.position - track.position[0]
     try:
         return best_horizon(model, zs, longest=max(least, min(_LONGEST, len(track) // 4)))
     except ShapeError:  # too few rows to judge by
@@ -139,44 +161,39 @@ def _horizon(track: Track, axis: Timing, order: int) -> int:
 
 
 def _errors(tried: dict[int, Estimates]) -> dict[int, float]:
-    """Mean square of the innovations of every order, per coordinate, on the rows that all predict."""
-    common = np.all([each.settled for each in tried.values()], axis=0)
-    if common.sum() < 8:
+    """Mean square of the innovations of every order, per coordinate, on the rows that all predict; else NaN.
+
+    Never less than the square of a length that means nothing: below, the orders tie.
+    """
+    common = np.all([each.settled & np.isfinite(each.nis) for each in tried.values()], axis=0)
+    if common.sum() < _FEW:
         common = np.all([np.isfinite(each.nis) for each in tried.values()], axis=0)
+    if not common.any():
+        return dict.fromkeys(tried, float("nan"))
     return {
-        order: float(np.mean(each.innovation[common] ** 2)) if common.any() else 1.0
-        for order, each in tried.items()
+        order: max(float(np.mean(each.innovation[common] ** 2)), _TINY**2) for order, each in tried.items()
     }
 
 
-def _noise(order: int, horizon: int, step: float, square: float, sigma: float | None) -> tuple[float, float]:
+def _noise(order: int, horizon: int, square: float, sigma: float | None) -> tuple[float, float]:
     """Noise q and r that make `horizon` the best one and `square` the variance of an innovation.
 
     The error covariance of a window of N is P_N = r G_N + q W_N. P is flat at the horizon where
     r (G_{N-1} - G_{N+1}) = q (W_{N+1} - W_{N-1}); an innovation has the variance r a + q b.
     """
-    model = kinematic(order, 1, step, q=1.0, r=1.0)
+    model = kinematic(order, 1, 1.0, q=1.0, r=1.0)
     first = max(shortest_horizon(model), horizon - 1)
-    G = horizon_criterion(model.replace(Q=0.0), first, horizon + 1)
-    W = horizon_criterion(model, first, horizon + 1) - G
+    G = horizon_criterion(model.replace(Q=0.0), first, max(horizon, first) + 1)
+    W = horizon_criterion(model, first, max(horizon, first) + 1) - G
     ratio = float((G[0] - G[-1]) / (W[-1] - W[0]))
-    a, b = _innovation(order, horizon, step)
-    square = max(square, _TINY**2)
+    gain = ufir_gain(model, max(horizon, first))
+    ahead = model.H @ model.F
+    a = float(np.vdot(ahead @ gain.G, ahead)) + 1.0
+    b = float(np.vdot(ahead @ (gain.P - gain.G), ahead)) + float(model.Q[0, 0])
+    if np.isnan(square):
+        r = 1.0 if sigma is None else sigma**2
+        return ratio * r, r
     if sigma is not None:
         return max(square - sigma**2 * a, 0.0) / b, sigma**2
     r = square / (a + ratio * b)
     return ratio * r, r
-
-
-def _innovation(order: int, horizon: int, step: float) -> tuple[float, float]:
-    """Variance of the innovation of one coordinate per unit of r and of q."""
-    from ..gains import ufir_gain
-
-    model = kinematic(order, 1, step, q=1.0, r=1.0)
-    gain = ufir_gain(model, max(horizon, shortest_horizon(model)))
-
-    def predicted(P: Array) -> float:
-        return float((model.F @ P @ model.F.T)[0, 0])
-
-    a = predicted(gain.G) + 1.0
-    return a, predicted(gain.P - gain.G) + float(model.Q[0, 0])

@@ -17,6 +17,9 @@ from .stamps import in_order
 
 __all__ = ["read_track"]
 
+_WIDEST = 3e6  # m from the middle row; farther out one plane cannot stand for the globe
+_WIDE = 9e5  # m; from here on the plane shortens lengths by more than 0.3 %
+
 
 def read_track(
     path: str | Path,
@@ -53,9 +56,10 @@ def read_track(
     path = Path(path)
     _require_file(path)
     try:
-        parts = (
-            _from_gpx(path) if _is_gpx(path) else _from_table(read_table(path, columns or {}, progress), path)
-        )
+        if _is_gpx(path):
+            parts = _from_gpx(path)
+        else:
+            parts = _from_table(read_table(path, columns or {}, progress), path)
     except OSError as error:
         raise UnusableTrack(f"{path}: {error.strerror or error}") from error
     parts.age_unit = delay_unit or parts.age_unit
@@ -73,12 +77,19 @@ class _Parts:
     frame: LocalFrame | None
     epoch: bool
     dates: bool
+    counted: str
     rows_read: int
     left_out: list[LeftOut]
     age: Array | None = None
     age_unit: str = "s"
     truth: Array | None = None
     notes: list[str] = field(default_factory=list)
+
+    def keep(self, rows: Mask | Integers) -> None:
+        """Reduce to `rows`, in their order."""
+        self.seconds, self.position, self.lines = self.seconds[rows], self.position[rows], self.lines[rows]
+        self.age = None if self.age is None else self.age[rows]
+        self.truth = None if self.truth is None else self.truth[rows]
 
 
 def _require_file(path: Path) -> None:
@@ -95,27 +106,65 @@ def _is_gpx(path: Path) -> bool:
         return b"<gpx" in file.read(2048)
 
 
+def _require_rows(rows: int, path: Path, rows_read: int, left_out: list[LeftOut], counted: str) -> None:
+    if rows:
+        return
+    first = min(left_out)
+    raise UnusableTrack(
+        f"{path}: none of its {rows_read} rows can be used; "
+        f"the first, {counted} {first.line}: {first.fault} ({first.found})"
+    )
+
+
 def _from_gpx(path: Path) -> _Parts:
     seconds, latlon, lines, rows_read, left_out = read_gpx(path)
-    _require_rows(seconds, path, rows_read, left_out)
-    frame = LocalFrame(float(latlon[0, 0]), float(latlon[0, 1]))
-    position = frame.to_plane(latlon)
-    return _Parts(seconds, position, ("east", "north"), lines, frame, True, True, rows_read, left_out)
+    _require_rows(len(seconds), path, rows_read, left_out, "point")
+    frame = _frame(latlon)
+    parts = _Parts(
+        seconds=seconds,
+        position=frame.to_plane(latlon),
+        axes=("east", "north"),
+        lines=lines,
+        frame=frame,
+        epoch=True,
+        dates=True,
+        counted="point",
+        rows_read=rows_read,
+        left_out=left_out,
+    )
+    _leave_out_far(parts, latlon)
+    return parts
 
 
 def _from_table(table: Table, path: Path) -> _Parts:
     values = table.columns
-    _require_rows(values["time"], path, table.rows_read, table.left_out)
-    position, frame, notes = _plane(values)
-    truth, truth_notes = _truth(values, frame)
-    return _Parts(
+    _require_rows(len(table.lines), path, table.rows_read, table.left_out, "line")
+    latlon, plane = _pair(values, "lat", "lon"), _pair(values, "x", "y")
+    frame = None if latlon is None else _frame(latlon)
+    notes: list[str] = []
+    if plane is not None and latlon is not None:
+        # columns in metres win where both say the same: truth, if any, is in their frame
+        common = LocalFrame.through(latlon[0], plane[0])
+        if _agree(common.to_plane(latlon), plane):
+            frame = common
+        else:
+            notes.append("the columns in metres do not agree with latitude and longitude and were not used")
+            plane = None
+    metric = plane is not None
+    if plane is None:
+        if frame is None or latlon is None:
+            raise UnusableTrack(f"{path}: no position columns")
+        plane = frame.to_plane(latlon)
+    truth, truth_notes = _truth(values, frame, metric)
+    parts = _Parts(
         seconds=values["time"],
-        position=position,
+        position=plane,
         axes=("x", "y") if frame is None and table.names["x"][0] in "xp" else ("east", "north"),
         lines=table.lines,
         frame=frame,
         epoch=table.clock.epoch,
         dates=table.clock.kind == "date",
+        counted="line",
         rows_read=table.rows_read,
         left_out=table.left_out,
         age=values.get("delay"),
@@ -123,82 +172,83 @@ def _from_table(table: Table, path: Path) -> _Parts:
         truth=truth,
         notes=notes + truth_notes,
     )
-
-
-def _require_rows(seconds: Array, path: Path, rows_read: int, left_out: list[LeftOut]) -> None:
-    if len(seconds):
-        return
-    first = min(left_out)
-    raise UnusableTrack(
-        f"{path}: none of its {rows_read} rows can be used; "
-        f"the first, line {first.line}: {first.fault} ({first.found})"
-    )
+    if latlon is not None and not metric:
+        _leave_out_far(parts, latlon)
+    return parts
 
 
 def _pair(values: Mapping[str, Array], first: str, second: str) -> Array | None:
     return np.column_stack([values[first], values[second]]) if first in values else None
 
 
-def _plane(values: Mapping[str, Array]) -> tuple[Array, LocalFrame | None, list[str]]:
-    """Positions in metres; columns in metres win over degrees where both say the same."""
-    latlon, plane = _pair(values, "lat", "lon"), _pair(values, "x", "y")
-    if latlon is None and plane is not None:
-        return plane, None, []
-    if latlon is not None and plane is not None:
-        frame = LocalFrame.through(latlon[0], plane[0])
-        apart = np.linalg.norm(frame.to_plane(latlon) - plane, axis=1)
-        span = float(np.ptp(plane, axis=0).max())
-        if float(np.median(apart)) <= 1.0 + 0.01 * span:
-            return plane, frame, []
-    if latlon is None:  # for the type checker: find_columns has made sure of one pair
-        raise UnusableTrack("no position columns")
-    frame = LocalFrame(float(latlon[0, 0]), float(latlon[0, 1]))
-    note = "the columns in metres do not agree with latitude and longitude; these were used"
-    return frame.to_plane(latlon), frame, [note] if plane is not None else []
+def _frame(latlon: Array) -> LocalFrame:
+    """The plane at the first row that is not far from the middle one."""
+    middle = LocalFrame(*latlon[len(latlon) // 2].tolist())
+    near = np.flatnonzero(middle.distance(latlon) <= _WIDEST)
+    return LocalFrame(*latlon[near[0]].tolist())
 
 
-def _truth(values: Mapping[str, Array], frame: LocalFrame | None) -> tuple[Array | None, list[str]]:
-    truth = _pair(values, "truth_x", "truth_y")
+def _leave_out_far(parts: _Parts, latlon: Array) -> None:
+    """Rows too far from the others to share a plane with them, and a note where it is a wide one."""
+    middle = LocalFrame(*latlon[len(latlon) // 2].tolist())
+    distance = middle.distance(latlon)
+    for row in np.flatnonzero(distance > _WIDEST).tolist():
+        found = f"{distance[row] / 1000:.0f} km from the middle row"
+        parts.left_out.append(LeftOut(int(parts.lines[row]), "too far away for one plane", found))
+    near = distance <= _WIDEST
+    parts.keep(near)
+    if (width := float(distance[near].max())) > _WIDE:
+        parts.notes.append(f"{width / 1000:.0f} km wide: the local plane shortens lengths far out")
+
+
+def _agree(one: Array, other: Array) -> bool:
+    apart = float(np.median(np.linalg.norm(one - other, axis=1)))
+    return apart <= 1.0 + 0.01 * float(np.ptp(other, axis=0).max())
+
+
+def _truth(
+    values: Mapping[str, Array], frame: LocalFrame | None, metric: bool
+) -> tuple[Array | None, list[str]]:
+    """True positions in the plane of the measured ones."""
+    truth, latlon = _pair(values, "truth_x", "truth_y"), _pair(values, "truth_lat", "truth_lon")
+    if truth is not None and metric:
+        return truth, []
+    if latlon is not None and frame is not None:
+        return frame.to_plane(latlon), []
     if truth is not None:
-        if "x" in values or frame is None:
-            return truth, []
-        return None, ["truth in metres was not used: the measured positions are in degrees only"]
-    latlon = _pair(values, "truth_lat", "truth_lon")
-    if latlon is None:
-        return None, []
-    if frame is None:
-        return None, ["truth in degrees was not used: the measured positions are in metres only"]
-    return frame.to_plane(latlon), []
+        return None, ["truth in metres was not used: the measured positions are in degrees"]
+    if latlon is not None:
+        return None, ["truth in degrees was not used: the measured positions are in metres"]
+    return None, []
 
 
 def _ordered(path: Path, parts: _Parts) -> Track:
     """The track with its rows in order of time; the others join those left out."""
-    seconds, notes = parts.seconds, list(parts.notes)
-    rows = np.arange(len(seconds))
-    steps = np.diff(seconds)
+    steps = np.diff(parts.seconds)
     if (steps < 0).sum() > 2 * (steps > 0).sum():
-        rows = rows[::-1]
-        notes.append("the file runs backward in time; it was read from its end")
-    keep = in_order(seconds[rows], strictly=parts.age is None)
+        parts.keep(np.arange(len(parts.seconds))[::-1])
+        parts.notes.append("the file runs backward in time; it was read from its end")
+    keep = in_order(parts.seconds, strictly=parts.age is None)
     if parts.age is not None:
-        keep &= ~_repeats(np.column_stack([seconds, parts.age, parts.position])[rows])
-    left_out = parts.left_out + _disorder(seconds[rows], parts.lines[rows], keep)
-    rows = rows[keep]
+        keep &= ~_repeats(np.column_stack([parts.seconds, parts.age, parts.position]))
+    left_out = parts.left_out + _disorder(parts.seconds, parts.lines, keep)
+    parts.keep(keep)
     return Track(
         path=path,
-        seconds=seconds[rows],
-        position=parts.position[rows],
+        seconds=parts.seconds,
+        position=parts.position,
         axes=parts.axes,
-        lines=parts.lines[rows],
-        age=None if parts.age is None else parts.age[rows],
+        lines=parts.lines,
+        age=parts.age,
         age_unit=parts.age_unit,
-        truth=None if parts.truth is None else parts.truth[rows],
+        truth=parts.truth,
         frame=parts.frame,
         epoch=parts.epoch,
         dates=parts.dates,
+        counted=parts.counted,
         rows_read=parts.rows_read,
         left_out=sorted(left_out),
-        notes=notes,
+        notes=parts.notes,
     )
 
 

@@ -27,8 +27,10 @@ class Motion:
         Constant position, velocity or acceleration.
     horizon : int
         Steps in the window; with `adaptive`, the one that sets which gaps cut the track.
-    q, r : float
-        Spectral density of the process noise, and variance of one measured coordinate, m^2.
+    q : float
+        Spectral density of the process noise, m^2 per step to the power 2 order + 1.
+    r : float
+        Variance of one measured coordinate, m^2.
     lag : int
         Estimates are given as of `lag` steps later.
     adaptive : bool
@@ -42,9 +44,9 @@ class Motion:
     lag: int = 0
     adaptive: bool = False
 
-    def model(self, step: float) -> Model:
-        """The discrete model over `step` seconds."""
-        return kinematic(self.order, AXES, step, q=self.q, r=self.r)
+    def model(self, steps: float = 1.0) -> Model:
+        """The discrete model over `steps` steps: time counts steps inside the filter, whatever they last."""
+        return kinematic(self.order, AXES, steps, q=self.q, r=self.r)
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Estimates:
     Attributes
     ----------
     mean, std : ndarray, (n, dim_x)
-        States x, x', .., y, y', .. relative to nothing but the track's plane, and their standard deviations.
+        States x, x', .., y, y', .. in m, m/s, .. and their standard deviations.
     innovation : ndarray, (n, 2)
         Measurement minus its prediction, m; NaN where nothing could be predicted yet.
     innovation_std : ndarray, (n, 2)
@@ -122,6 +124,10 @@ def run(track: Track, axis: Timing, motion: Motion, progress: Progress = silent)
         else:
             dropped += filter_rows(track, axis, motion, each, origin, out, progress)
         out.mean[each, :: motion.order + 1] += origin
+    for state in range(out.mean.shape[1]):
+        scale = axis.step ** (state % (motion.order + 1))
+        out.mean[:, state] /= scale
+        out.std[:, state] /= scale
     return replace(out, dropped=dropped)
 
 

@@ -68,6 +68,8 @@ class Track:
         Whether `seconds` count from 1970-01-01T00:00:00Z.
     dates : bool
         Whether the file writes its stamps as dates.
+    counted : {"line", "point"}
+        What `lines` counts.
     rows_read : int
     left_out : list of LeftOut
     notes : list of str
@@ -85,6 +87,7 @@ class Track:
     frame: LocalFrame | None = None
     epoch: bool = False
     dates: bool = False
+    counted: str = "line"
     rows_read: int = 0
     left_out: list[LeftOut] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._arrays import Array
 from .series import Integers, Progress, Track
-from .timing import Timing
+from .timing import Timing, age_in_steps
 
 if TYPE_CHECKING:
     from .run import Estimates, Motion
@@ -17,19 +19,20 @@ if TYPE_CHECKING:
 __all__ = ["filter_grid", "filter_rows", "new_filter"]
 
 _CHUNK = 8192  # grid points filtered at once: bounds memory, and lets progress show
+_REMEMBERED = 512  # steps whose estimate is kept to judge late rows by
+_NEAR = 0.01  # of a step; measurements this close to a step are of it
 _VAGUE = 1e4  # standard deviations of a measurement: what is known before the first row
 
 
-def new_filter(motion: Motion, step: float) -> Any:
+def new_filter(motion: Motion) -> Any:
     """A filter that knows nothing yet: at rest at the origin, give or take a vague prior."""
     from ..filters.ufir import UFIRFilter
 
-    model = motion.model(step)
+    model = motion.model()
     kf = UFIRFilter(model.dim_x, model.dim_z, horizon="adaptive" if motion.adaptive else motion.horizon)
     kf.F, kf.H, kf.Q, kf.R = (np.array(each) for each in (model.F, model.H, model.Q, model.R))
     kf.x = np.zeros(model.dim_x)
-    scale = [motion.r * (_VAGUE / step**power) ** 2 for power in range(motion.order + 1)]
-    kf.P = np.diag(np.tile(scale, model.dim_z))
+    kf.P = motion.r * _VAGUE**2 * np.eye(model.dim_x)
     return kf
 
 
@@ -43,7 +46,7 @@ def filter_grid(
     progress: Progress,
 ) -> None:
     """Rows on a grid, one measurement a step at most, by the filter's batch path; empty points are NaN."""
-    kf = new_filter(motion, axis.step)
+    kf = new_filter(motion)
     R = kf.R.copy()
     H = kf.H.copy()
     point = np.cumsum(axis.steps[rows]).astype(int)
@@ -69,8 +72,12 @@ def filter_grid(
 
 
 def _flag(out: Estimates, rows: slice, index: Integers, point: Array, motion: Motion) -> None:
-    """Mark the rows with a determined state and a whole window; blank what could not be predicted."""
+    """Mark the rows with a determined state and a whole window; blank what the data do not tell yet."""
     out.ready[rows] = index >= motion.order
+    for state in range(out.mean.shape[1]):
+        if state % (motion.order + 1):  # a derivative
+            out.mean[rows, state][index < motion.order] = np.nan
+            out.std[rows, state][index < motion.order] = np.nan
     out.settled[rows] = (point >= motion.horizon) & (index > motion.order + 2)
     unpredicted = np.arange(rows.start, rows.stop)[index <= motion.order]
     out.innovation[unpredicted] = np.nan
@@ -88,15 +95,18 @@ def filter_rows(
     progress: Progress,
 ) -> int:
     """Rows off the grid, late rows, and smoothing, step by step; returns how many came too late."""
-    kf = new_filter(motion, axis.step)
-    walk = _Walk(kf, axis, motion, out)
-    ages = None if track.age is None else track.age[rows] / (1.0 if track.age_unit == "steps" else axis.step)
+    kf = new_filter(motion)
+    walk = _Walk(kf, axis.regular, motion, out)
+    ages = None if track.age is None else age_in_steps(track, axis)[rows]
     measured = track.position[rows] - origin
     index = np.arange(rows.stop - rows.start)
     for offset in index.tolist():
         row = rows.start + offset
-        walk.advance(float(axis.steps[row]) if offset else 1.0)
-        walk.take(row, measured[offset], None if ages is None else float(ages[offset]))
+        walk.advance(float(axis.steps[row]) if offset else 1.0, remember=ages is not None)
+        if ages is None:
+            walk.take(row, measured[offset])
+        else:
+            walk.take_late(row, measured[offset], float(ages[offset]))
         if offset % 1024 == 0:
             progress("filtering", row, len(track))
     walk.finish()
@@ -107,62 +117,71 @@ def filter_rows(
 class _Walk:
     """The steps of one filter through a stretch, and the rows whose estimate is still to come."""
 
-    def __init__(self, kf: Any, axis: Timing, motion: Motion, out: Estimates) -> None:
-        self.kf, self.axis, self.motion, self.out = kf, axis, motion, out
-        self.H = kf.H.copy()
+    def __init__(self, kf: Any, regular: bool, motion: Motion, out: Estimates) -> None:
+        self.kf, self.regular, self.motion, self.out = kf, regular, motion, out
+        self.H, self.R = kf.H.copy(), kf.R.copy()
         self.elapsed: list[float] = []  # steps since the start, at every prediction
-        self.models: dict[float, Any] = {1.0: motion.model(axis.step)}
+        self.models: dict[float, Any] = {}
         self.waiting: deque[tuple[int, int]] = deque()  # (row, its step), oldest first
+        self.past: deque[tuple[Array, Array]] = deque(maxlen=_REMEMBERED)  # x and P as each step left them
 
-    def advance(self, steps: float) -> None:
+    def advance(self, steps: float, remember: bool) -> None:
         """Predict over `steps` steps: one by one on a grid, in one go off it, not at all within a step."""
         if steps <= 0:
             return
-        if self.axis.regular:
+        if self.regular:
             for _ in range(round(steps) - 1):
-                self._predict(1.0)
+                self._predict(1.0, remember)
                 self._deliver()
             steps = 1.0
-        self._predict(steps)
+        self._predict(steps, remember)
 
-    def _predict(self, steps: float) -> None:
-        model = self.models.get(steps)
-        if model is None:
-            model = self.models[steps] = self.motion.model(steps * self.axis.step)
-        self.kf.predict(F=model.F, Q=model.Q) if steps != 1.0 else self.kf.predict()
+    def _predict(self, steps: float, remember: bool) -> None:
+        if remember and self.elapsed:
+            self.past.append((np.ravel(self.kf.x).copy(), self.kf.P.copy()))
+        if steps == 1.0:
+            self.kf.predict()
+        else:
+            if steps not in self.models:
+                self.models[steps] = self.motion.model(steps)
+            self.kf.predict(F=self.models[steps].F, Q=self.models[steps].Q)
         self.elapsed.append((self.elapsed[-1] if self.elapsed else 0.0) + steps)
 
-    def take(self, row: int, z: Array, age: float | None) -> None:
-        """Update with a row and note what the filter thought of it."""
-        if age is None:
-            self.kf.update(z)
-        else:
-            delay, ahead = self._origin(age)
-            self.kf.update(z, H=self._measured_ahead(ahead), delay=delay)
-        y = np.asarray(self.kf.y).ravel()
-        self.out.innovation[row] = y
-        self.out.innovation_std[row] = np.sqrt(np.diag(self.kf.S))
-        self.out.nis[row] = float(y @ self.kf.SI @ y)
+    def take(self, row: int, z: Array) -> None:
+        """Update with a row measured now."""
+        self.kf.update(z)
+        self._judge(row, np.ravel(self.kf.y), self.kf.S)
         self.waiting.append((row, len(self.elapsed)))
         self._deliver()
+
+    def take_late(self, row: int, z: Array, age: float) -> None:
+        """Update with a row measured `age` steps ago; it is judged by what was known then."""
+        delay, ahead = self._origin(age)
+        H = self.H if ahead < _NEAR or not self.motion.order else self.H @ self.motion.model(ahead).F
+        known = (np.ravel(self.kf.x), self.kf.P) if delay == 0 else None
+        if 0 < delay <= len(self.past):
+            known = self.past[-delay]
+        if known is not None and len(self.elapsed) - delay > self.motion.order + 1:
+            x, P = known
+            self._judge(row, z - H @ x, H @ P @ H.T + self.R)
+        self.kf.update(z, H=H, delay=delay)
+        self.waiting.append((row, len(self.elapsed)))
+        self._deliver()
+
+    def _judge(self, row: int, y: Array, S: Array) -> None:
+        self.out.innovation[row] = y
+        self.out.innovation_std[row] = np.sqrt(np.diag(S))
+        self.out.nis[row] = float(y @ np.linalg.solve(S, y))
 
     def _origin(self, age: float) -> tuple[int, float]:
         """The last step at or before the measurement was taken, as a delay, and how many steps after it."""
         taken = self.elapsed[-1] - age
-        back = 0
-        while back < len(self.elapsed) and self.elapsed[-1 - back] > taken + 0.01:
-            back += 1
-        if back == len(self.elapsed):  # before the first row: the grid is thought to go on backward
-            back += max(0, int(np.ceil(self.elapsed[0] - 1.0 - taken - 0.01)))
-            return back, max(0.0, taken - (self.elapsed[0] - (back - len(self.elapsed) + 1)))
-        return back, max(0.0, taken - self.elapsed[-1 - back])
-
-    def _measured_ahead(self, steps: float) -> Array | None:
-        """H of a position `steps` steps after the state's time; None where they coincide."""
-        if steps < 0.01 or self.motion.order == 0:
-            return None
-        ahead = self.H @ self.motion.model(steps * self.axis.step).F
-        return np.asarray(ahead)
+        back = len(self.elapsed) - bisect_right(self.elapsed, taken + _NEAR)
+        if back < len(self.elapsed):
+            return back, max(0.0, taken - self.elapsed[-1 - back])
+        # before the first row: the grid is thought to go on backward, a step apart
+        before = max(0, ceil(self.elapsed[0] - 1.0 - taken - _NEAR))
+        return back + before, max(0.0, taken - (self.elapsed[0] - 1.0 - before))
 
     def _deliver(self) -> None:
         """Write the estimates of all waiting rows that have seen `lag` further steps."""

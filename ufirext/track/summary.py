@@ -10,7 +10,7 @@ import numpy as np
 from .._arrays import Array
 from .motion import Choice
 from .run import Estimates
-from .series import Integers, LeftOut, Track
+from .series import Integers, Track
 from .timing import Timing
 
 __all__ = ["Summary", "duration", "facts", "summarise"]
@@ -107,7 +107,7 @@ def facts(
     motion = choice.motion
     lines = [
         ("rows read", f"{track.rows_read:,}; {len(track):,} used"),
-        *_left_out(track.left_out),
+        *_left_out(track),
         ("time", _time(track, axis)),
         ("gaps", _gaps(axis, estimates, motion.horizon)),
         ("motion model", f"{_ORDERS[motion.order]} ({choice.why_order})"),
@@ -120,7 +120,7 @@ def facts(
     lines += [
         ("sigma", f"{np.sqrt(motion.r):.3g} m per coordinate ({choice.why_sigma})"),
         ("innovations", _innovations(summary)),
-        ("NIS mean", f"{summary.nis:.2f} (2 expected)"),
+        ("NIS mean", f"{summary.nis:.2f} (2 expected)" if summary.judged else "-"),
         ("estimate - measurement", f"{summary.moved:.3g} m rms"),
     ]
     if summary.raw_rmse is not None and summary.filtered_rmse is not None:
@@ -131,20 +131,25 @@ def facts(
 
 
 def _innovations(summary: Summary) -> str:
+    if not summary.judged:
+        return "none: too few rows to predict one"
+    correlation = (
+        "" if np.isnan(summary.autocorrelation) else f"lag-1 autocorrelation {summary.autocorrelation:.2f} "
+    )
     return (
-        f"std {summary.innovation_std:.3g} m, lag-1 autocorrelation {summary.autocorrelation:.2f} "
+        f"std {summary.innovation_std:.3g} m, {correlation}"
         f"({summary.judged:,} rows with a whole window behind them)"
     )
 
 
-def _left_out(left_out: list[LeftOut], shown: int = 5) -> list[tuple[str, str]]:
-    if not left_out:
+def _left_out(track: Track, shown: int = 5) -> list[tuple[str, str]]:
+    if not track.left_out:
         return [("left out", "none")]
     lines = []
-    ordered = sorted(left_out, key=lambda each: (each.fault, each.line))
+    ordered = sorted(track.left_out, key=lambda each: (each.fault, each.line))
     for fault, group in groupby(ordered, key=lambda each: each.fault):
         rows = list(group)
-        text = "; ".join(f"line {row.line} ({row.found})" for row in rows[:shown])
+        text = "; ".join(f"{track.counted} {row.line} ({row.found})" for row in rows[:shown])
         more = f"; and {len(rows) - shown:,} more" if len(rows) > shown else ""
         lines.append(("left out", f"{len(rows):,}: {fault}: {text}{more}"))
     return lines

@@ -9,7 +9,7 @@ import numpy as np
 from .._arrays import Array
 from .series import Track, UnusableTrack
 
-__all__ = ["Timing", "pieces", "timing"]
+__all__ = ["Timing", "age_in_steps", "pieces", "timing"]
 
 _NEARLY = 0.05  # of a step: closer to the grid than this counts as on it
 _FINE = 1000  # stamps off the grid are rounded to this part of a step
@@ -79,3 +79,10 @@ def pieces(axis: Timing, horizon: int) -> list[slice]:
     """The stretches between gaps longer than a window of `horizon` steps; a filter starts afresh in each."""
     cuts = np.flatnonzero(axis.steps > horizon).tolist()
     return [slice(start, stop) for start, stop in zip([0, *cuts], [*cuts, len(axis.steps)], strict=True)]
+
+
+def age_in_steps(track: Track, axis: Timing) -> Array:
+    """How many steps old each row was on arrival, (n,)."""
+    if track.age is None:
+        return np.zeros(len(track))
+    return track.age if track.age_unit == "steps" else track.age / axis.step
