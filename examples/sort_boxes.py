@@ -59,7 +59,7 @@ def overlaps(boxes: Boxes, others: Boxes) -> Boxes:
 
 
 def matches(overlap: Boxes) -> list[tuple[int, int]]:
-    """Pairs (row, column) of the assignment of greatest total overlap, but for those that overlap too little."""
+    """Pairs (row, column) of the assignment of greatest total overlap, less those of too little."""
     rows, columns = linear_sum_assignment(-overlap)
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
     return [(row, column) for row, column in pairs if overlap[row, column] >= MIN_OVERLAP]
@@ -168,9 +168,9 @@ def track(frames: Iterable[Boxes], make_filter: MakeFilter) -> list[dict[int, Bo
     return [sort.step(detections) for detections in frames]
 
 
-def score(truth: Boxes, tracks: list[dict[int, Boxes]]) -> Score:
+def score(truth: Boxes, tracks: Iterable[dict[Any, Boxes]]) -> Score:
     """Match tracks and true boxes in every frame by overlap."""
-    last: dict[int, int] = {}
+    last: dict[int, Any] = {}
     switches = 0
     errors: list[Boxes] = []
     for boxes, present in zip(truth, tracks, strict=True):

@@ -1,0 +1,1 @@
+"""Code written for filterpy, run with UFIRFilter in the place of KalmanFilter."""
