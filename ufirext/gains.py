@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from ._arrays import Array, integer, readonly, symmetric
+from ._constant import constant_covariance, constant_gain
 from .errors import UnobservableWindow
 from .model import Model
 from .window import Window, model_window
@@ -50,7 +51,23 @@ class Gain:
 
     def __repr__(self) -> str:
         states, rows = self.K.shape
-        return f"Gain(dim_x={states}, rows={rows}, horizon={self.horizon}, lag={self.lag}, trace_P={np.trace(self.P):.6g})"
+        window = f"dim_x={states}, rows={rows}, horizon={self.horizon}, lag={self.lag}"
+        return f"Gain({window}, trace_P={np.trace(self.P):.6g})"
+
+
+class _ModelGain(Gain):
+    """The gain of a model's full window; its covariance costs more than itself and waits until it is read."""
+
+    def __init__(self, model: Model, K: Array, horizon: int, lag: int) -> None:
+        self.__dict__.update(K=K, G=readonly(K @ K.T), horizon=horizon, lag=lag, _model=model)
+
+    @cached_property
+    def P(self) -> Array:
+        model: Model = self.__dict__["_model"]
+        P = constant_covariance(model, self.K, self.lag)
+        if P is None:
+            P = exact_covariance(model_window(model, self.horizon, self.lag), self.K)
+        return readonly(P)
 
 
 def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
@@ -88,11 +105,15 @@ def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
            [-0.5   ,  0.    ,  0.5   ]])
     """
     horizon = integer(horizon, "horizon", 1)
-    lag = integer(lag, "lag", 0, horizon - 1, "the window ends at the newest measurement and holds horizon states")
-    window = model_window(model, horizon, lag)
-    require_determined(window, model, horizon)
-    K = least_squares(window)
-    return Gain(readonly(K), readonly(K @ K.T), readonly(exact_covariance(window, K)), horizon, lag)
+    lag = integer(
+        lag, "lag", 0, horizon - 1, "the window ends at the newest measurement and holds horizon states"
+    )
+    K = constant_gain(model, horizon, lag)
+    if K is None:
+        window = model_window(model, horizon, lag)
+        require_determined(window, model, horizon)
+        K = least_squares(window)
+    return _ModelGain(model, readonly(K), horizon, lag)
 
 
 def require_determined(window: Window, model: Model, horizon: int) -> None:
@@ -130,8 +151,8 @@ def observability_index(model: Model) -> int | None:
 def least_squares(window: Window) -> Array:
     """K = T C+ on the raw rows: (dim_x, total components), minimum norm where C is rank deficient.
 
-    The window must be determined. Ill-conditioned windows (long, unstable F) go through the square-root recursion,
-    which is right to 5e-12 where the batch form is not.
+    The window must be determined. Ill-conditioned windows (long, unstable F) go through the square-root
+    recursion, which is right to 5e-12 where the batch form is not.
     """
     if window.condition > DIRECT_LIMIT or window.rank < window.dim_x:
         K = _recursive(window)
@@ -151,9 +172,9 @@ def _unwhiten(window: Window, weights: Array) -> Array:
 
 
 def _recursive(window: Window) -> Array | None:
-    """The gain by a square-root Kalman recursion without process noise, from the shortest determining prefix.
+    """The gain by a square-root Kalman recursion without process noise from the shortest determining prefix.
 
-    None where no prefix determines the state at its own end (possible for singular F only) or for a lagged aim.
+    None where no prefix determines the state at its own end (for singular F only), or for a lagged aim.
     """
     newest = window.origins[-1]
     if window.aim < newest:
@@ -179,9 +200,10 @@ def _recursive(window: Window) -> Array | None:
 
 
 def _absorb(H: Array, K: Array, S: Array, span: slice) -> tuple[Array, Array]:
-    """One whitened row into the gain and the square-root noise power (array form: LQ of [[I, H S], [0, S]])."""
+    """One whitened row into the gain and the square-root noise power: LQ of [[I, H S], [0, S]]."""
     m, (n, r) = len(H), S.shape
-    lower = np.linalg.qr(np.block([[np.eye(m), H @ S], [np.zeros((n, m)), S]]).T, mode="r").T
+    array = np.block([[np.eye(m), H @ S], [np.zeros((n, m)), S]])
+    lower = np.asarray(np.linalg.qr(array.T, mode="r")).T
     step = np.linalg.solve(lower[:m, :m].T, lower[m:, :m].T).T
     K = K - step @ (H @ K)
     K[:, span] += step
