@@ -71,7 +71,7 @@ class Robust(NamedTuple):
 def weight_root(S: Array) -> Array:
     """L with L' L = S, one row for each positive eigenvalue of the positive semidefinite S."""
     values, vectors = np.linalg.eigh(S)
-    kept = values > len(S) * np.finfo(float).eps * max(values[-1], 0.0)
+    kept = values > len(S) * np.finfo(float).eps * values.max(initial=0.0)
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
