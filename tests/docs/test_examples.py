@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
+import subprocess
+import sys
 from doctest import ELLIPSIS, NORMALIZE_WHITESPACE
 from pathlib import Path
 
 import pytest
-from sybil import Sybil
+from sybil import Example, Sybil
 from sybil.document import PythonDocStringDocument
-from sybil.parsers.myst import DocTestDirectiveParser, PythonCodeBlockParser, SkipParser
+from sybil.parsers.myst import CodeBlockParser, DocTestDirectiveParser, PythonCodeBlockParser, SkipParser
 from sybil.parsers.rest import DocTestParser
 
 import ufirext
@@ -19,10 +23,29 @@ PAGES = sorted([*ROOT.glob("README.md"), *(ROOT / "docs").glob("*.md")])
 MODULES = sorted((ROOT / "ufirext").rglob("*.py"))
 FLAGS = ELLIPSIS | NORMALIZE_WHITESPACE
 
-# Fences that show something without claiming that it runs as Python.
-SHOWN = {"bash", "console", "text", "toml", "csv", "{eval-rst}", "{include}", "{toctree}", "{math}"}
+# Fences that show something without claiming that it runs.
+SHOWN = {"console", "text", "toml", "csv", "{eval-rst}", "{include}", "{toctree}", "{math}"}
+EXECUTED = {"python", "bash"}
 
-pages = Sybil([PythonCodeBlockParser(doctest_optionflags=FLAGS), DocTestDirectiveParser(FLAGS), SkipParser()])
+
+def _run_tracks(example: Example) -> None:
+    """Run the `ufirext track` lines of a shell block; installing and building are not for a test."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    for line in example.parsed.splitlines():
+        if line.startswith("ufirext track"):
+            command = [sys.executable, "-c", "import ufirext.cli; ufirext.cli.main()", *shlex.split(line)[1:]]
+            run = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+            assert run.returncode == 0, f"{line}\n{run.stderr}"
+
+
+pages = Sybil(
+    [
+        PythonCodeBlockParser(doctest_optionflags=FLAGS),
+        CodeBlockParser("bash", _run_tracks),
+        DocTestDirectiveParser(FLAGS),
+        SkipParser(),
+    ]
+)
 modules = Sybil([DocTestParser(FLAGS)], document_types={".py": PythonDocStringDocument})
 
 
@@ -47,7 +70,7 @@ def test_the_examples_of_a_module_run(path, tmp_path, monkeypatch):
 @pytest.mark.parametrize("path", PAGES, ids=_name)
 def test_no_code_of_a_page_escapes_execution(path):
     fences = re.findall(r"^ {0,3}```+ *(\S*)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    assert set(fences[::2]) <= SHOWN | {"python"}
+    assert set(fences[::2]) <= SHOWN | EXECUTED
 
 
 def test_the_reference_lists_every_public_name():
