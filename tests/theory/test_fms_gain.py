@@ -31,6 +31,25 @@ def unstable(rho: float) -> np.ndarray:
     return F * rho / np.abs(np.linalg.eigvals(F)).max()
 
 
+def papers_formula(M: int, d: int) -> np.ndarray:
+    """H* of equation (14) for the tracking model, with pseudo-inverses where there is no inverse."""
+    inverse = np.linalg.inv(A)
+    back = [np.linalg.matrix_power(inverse, k) for k in range(M + 1)]
+    Gamma = np.vstack([C @ back[M - k] for k in range(M)])
+    noise = np.zeros((M + 3, 2 * M))
+    for j in range(M):
+        for k in range(j + 1):
+            noise[k, 2 * j : 2 * j + 2] = -(C @ back[j - k + 1] @ G)[0]
+        if j >= M - d:
+            noise[M:, 2 * j : 2 * j + 2] = -back[j - (M - d) + 1] @ G
+    noise = noise @ np.kron(np.eye(M), np.sqrt(QW))
+    Pi = noise @ noise.T
+    Pi[:M, :M] += R * np.eye(M)
+    bar = np.block([[Gamma, np.zeros((M, 3))], [back[d], -np.eye(3)]])
+    weighted = np.linalg.pinv(Pi, rcond=1e-13, hermitian=True) @ bar
+    return (np.linalg.pinv(bar.T @ weighted, rcond=1e-13, hermitian=True) @ weighted.T)[:, :M]
+
+
 class TestGoldenNumbers:
     def test_tracking_model_covariance(self):
         P = tracking().P
@@ -150,25 +169,13 @@ class TestAgainstOracles:
         np.testing.assert_allclose(tracking(M, d).P[3:, 3:], smooth[1][M - d], rtol=1e-5)
 
     def test_the_papers_formula_where_its_conditions_hold(self):
-        gain = tracking()
-        power = np.linalg.matrix_power
-        inverse = np.linalg.inv(A)
-        M, d = 15, 5
-        Gamma = np.vstack([C @ power(inverse, M - k) for k in range(M)])
-        Lam = np.zeros((M, 2 * M))
-        for k in range(M):
-            for j in range(k, M):
-                Lam[k, 2 * j : 2 * j + 2] = -(C @ power(inverse, j - k + 1) @ G)[0]
-        Tilde = np.zeros((3, 2 * M))
-        for j in range(M - d, M):
-            Tilde[:, 2 * j : 2 * j + 2] = -power(inverse, j - (M - d) + 1) @ G
-        noise = np.vstack([Lam, Tilde]) @ np.kron(np.eye(M), np.sqrt(QW))
-        Pi = noise @ noise.T
-        Pi[:M, :M] += R * np.eye(M)
-        bar = np.block([[Gamma, np.zeros((M, 3))], [power(inverse, d), -np.eye(3)]])
-        weighted = np.linalg.solve(Pi, bar)
-        literal = np.linalg.solve(bar.T @ weighted, weighted.T)
-        np.testing.assert_allclose(gain.H, literal[:, :M], atol=1e-9)
+        np.testing.assert_allclose(tracking().H, papers_formula(15, 5), atol=1e-9)
+
+    @pytest.mark.parametrize("d", [0, 1])
+    def test_the_papers_formula_is_wrong_where_they_do_not(self, d):
+        # Up to one lag two noises drive three states: Pi is singular.
+        literal, right = papers_formula(15, d), tracking(d=d).H
+        assert np.linalg.norm(literal - right) > 0.3 * np.linalg.norm(right)
 
 
 class TestProperties:
