@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from benchmarks.harness import MissingPeerError, Result, Row, measure
-from benchmarks.report import Outcome, as_json, as_markdown, table
+from benchmarks.report import Outcome, as_json, as_markdown, one_line, table
 from benchmarks.rows import all_rows
 
 __all__ = ["app", "chosen"]
@@ -76,4 +76,5 @@ def _run(rows: list[Row], steps: int, rounds: int, console: Console) -> list[Out
                 outcomes.append(measure(row, steps, rounds, lambda: progress.advance(task)))
             except MissingPeerError as missing:
                 outcomes.append((row, str(missing)))
+            progress.console.print(one_line(outcomes[-1]), highlight=False)
     return outcomes

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from benchmarks.harness import Result, Row
 
-__all__ = ["as_json", "as_markdown", "machine", "table"]
+__all__ = ["as_json", "as_markdown", "machine", "one_line", "table"]
 
 PACKAGES = ("ufirext", "numpy", "scipy", "filterpy", "fast-kalman", "norfair", "motpy", "ocsort")
 HEADINGS = ("row", "work", "against", "target", "measured", "rounds", "")
@@ -32,6 +32,12 @@ def table(outcomes: Sequence[Outcome], title: str) -> Table:
         style = {"met": "green", "not met": "red", "not run": "yellow"}.get(cells[-1].split(":")[0], "")
         view.add_row(*cells[:-1], f"[{style}]{cells[-1]}[/]" if style else cells[-1])
     return view
+
+
+def one_line(outcome: Outcome) -> str:
+    """What is said of a row as soon as it is done."""
+    name, _, _, bound, measured, _, verdict = _cells(outcome)
+    return f"{name:24} {measured:>9} ({bound}) {verdict}"
 
 
 def as_markdown(outcomes: Sequence[Outcome], settings: str) -> str:

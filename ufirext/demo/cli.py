@@ -60,7 +60,7 @@ def _scores(scene: Scene, rng: np.random.Generator, runs: int, console: Console)
 def _table(title: str, scores: Scores, runs: int) -> Table:
     words = "one run" if runs == 1 else f"mean of {runs} runs ± standard error"
     table = Table(title=f"{title}: RMSE of the position, m ({words})")
-    table.add_column("filter")
+    table.add_column("filter", no_wrap=True)
     for scenario in SCENARIOS:
         table.add_column(scenario, justify="right")
     for name, row in scores.items():

@@ -149,9 +149,9 @@ def _draw_scores(axes: Axes, scores: Scores) -> None:
 def write_report(
     folder: Path, figure: Figure, scores: Scores, title: str, notes: list[str], runs: int
 ) -> dict[str, Path]:
-    """Write report.html (self-contained), picture.png and table.csv; returns their paths by name."""
+    """Write report.html (self-contained), picture.png, table.csv and table.md; their paths by name."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = {name: folder / name for name in ("report.html", "picture.png", "table.csv")}
+    paths = {name: folder / name for name in ("report.html", "picture.png", "table.csv", "table.md")}
     figure.savefig(paths["picture.png"], dpi=100)
     with paths["table.csv"].open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -159,6 +159,7 @@ def write_report(
         for name, scenarios in scores.items():
             for scenario, score in scenarios.items():
                 writer.writerow([name, scenario, f"{score.rmse:.4f}", f"{score.error:.4f}", runs])
+    paths["table.md"].write_text(_markdown(scores), encoding="utf-8")
     image = base64.b64encode(paths["picture.png"].read_bytes()).decode("ascii")
     paths["report.html"].write_text(_page(title, notes, scores, runs, image), encoding="utf-8")
     return paths
@@ -187,6 +188,12 @@ td + td, th + th {{ text-align: right }} img {{ max-width: 100% }}
 <img alt="Track, errors and scores" src="data:image/png;base64,{image}">
 </html>
 """
+
+
+def _markdown(scores: Scores) -> str:
+    rows = [["RMSE of the position, m", *SCENARIOS], ["---", *("--:" for _ in SCENARIOS)]]
+    rows += [[name, *(cell(row.get(s)) for s in SCENARIOS)] for name, row in scores.items()]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def cell(score: Score | None) -> str:

@@ -62,6 +62,19 @@ def test_page_and_csv_give_the_same_scores(ran: tuple[str, Path]) -> None:
         assert row["runs"] == "2"
 
 
+def test_the_markdown_table_is_the_csv_table(ran: tuple[str, Path]) -> None:
+    lines = (ran[1] / "out" / "table.md").read_text(encoding="utf-8").splitlines()
+    cells = [[part.strip() for part in line.strip("|").split("|")] for line in lines]
+    shown = {
+        (row[0], packets): row[i] for row in cells[2:] for i, packets in enumerate(cells[0]) if i and row[i]
+    }
+    with (ran[1] / "out" / "table.csv").open(encoding="utf-8") as file:
+        assert shown == {
+            (row["filter"], row["packets"]): cell(Score(float(row["rmse_m"]), float(row["standard_error_m"])))
+            for row in csv.DictReader(file)
+        }
+
+
 def test_the_page_needs_no_other_file(ran: tuple[str, Path]) -> None:
     page = (ran[1] / "out" / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"(?:src|href)=\"(?!data:)", page) == []
