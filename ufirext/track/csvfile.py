@@ -105,7 +105,7 @@ def _encoding(path: Path) -> str:
         raise UnusableTrack(f"{path}: the file is empty")
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
-    if b"\0" in head or sum(byte < 9 or 13 < byte < 32 for byte in head) > len(head) // 20:
+    if sum(byte < 9 or 13 < byte < 32 for byte in head) > len(head) // 20:  # a logger may die amid zeros
         raise UnusableTrack(f"{path}: a binary file, not a table of text or GPX")
     return "utf-8-sig"
 
@@ -186,14 +186,14 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
 
     measured = [role for role in ("time", "lat", "lon", "x", "y", "delay") if role in values]
     for role in measured:
-        empty = np.array(
-            [text.lower() in ("", "nan", "na", "null", "none") for text in texts[role]], dtype=bool
-        )
-        refuse(empty, role, f"no {_LABEL[role]}")
-        refuse(~np.isfinite(values[role]), role, f"{_LABEL[role]} is not a number")
-    for role, limit in _LIMITS:
-        if role in values:
-            refuse(np.abs(values[role]) > limit, role, f"{_LABEL[role]} out of range")
+        unknown = ~np.isfinite(values[role])
+        if unknown.any():
+            empty = np.array([text.lower() in _NOTHING for text in texts[role]], dtype=bool)
+            refuse(unknown & empty, role, f"no {_LABEL[role]}")
+            refuse(unknown, role, f"{_LABEL[role]} is not a number")
+    for name, limit in _LIMITS.items():
+        if name in values:
+            refuse(np.abs(values[name]) > limit, name, f"{_LABEL[name]} out of range")
     if "lat" in values:
         refuse((values["lat"] == 0) & (values["lon"] == 0), "lat", "no fix (latitude and longitude both 0)")
     if "delay" in values:
@@ -201,7 +201,8 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
     return good
 
 
-_LIMITS = (("time", _LATEST), ("lat", 90.0), ("lon", 360.0), ("x", _FARTHEST), ("y", _FARTHEST))
+_NOTHING = ("", "nan", "na", "n/a", "null", "none", "-")
+_LIMITS = {"time": _LATEST, "lat": 90.0, "lon": 360.0, "x": _FARTHEST, "y": _FARTHEST}
 _LABEL = {
     "time": "time",
     "lat": "latitude",

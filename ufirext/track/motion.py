@@ -16,7 +16,7 @@ from .timing import Timing, age_in_steps, pieces
 
 __all__ = ["Choice", "choose"]
 
-_BLOCKS, _BLOCK = 8, 2_500  # of rows that the choice between orders looks at
+_BLOCKS, _BLOCK = 8, 1_000  # of rows that the choice between orders looks at
 _APART = 1e6  # steps: longer than any window
 _LONGEST = 100  # steps in a window that is chosen from data
 _WORTH = 0.98  # a higher order must bring the mean square prediction error below this part
@@ -62,7 +62,7 @@ def choose(
     part, part_axis = _excerpt(track, axis)
     orders = [order] if order is not None else _possible(part_axis)
     horizons = {each: _horizon(track, axis, each) if horizon is None else horizon for each in orders}
-    tried = {each: run(part, part_axis, Motion(each, horizons[each])) for each in orders}
+    tried = {each: run(part, part_axis, Motion(each, horizons[each]), spread=False) for each in orders}
     errors = _errors(tried)
     best = orders[0]
     for each in orders[1:]:
@@ -165,9 +165,9 @@ def _errors(tried: dict[int, Estimates]) -> dict[int, float]:
 
     Never less than the square of a length that means nothing: below, the orders tie.
     """
-    common = np.all([each.settled & np.isfinite(each.nis) for each in tried.values()], axis=0)
+    common = np.all([each.settled & each.predicted for each in tried.values()], axis=0)
     if common.sum() < _FEW:
-        common = np.all([np.isfinite(each.nis) for each in tried.values()], axis=0)
+        common = np.all([each.predicted for each in tried.values()], axis=0)
     if not common.any():
         return dict.fromkeys(tried, float("nan"))
     return {

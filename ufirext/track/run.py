@@ -103,6 +103,11 @@ class Estimates:
         """(n, 2), m/s; NaN for a model without velocity."""
         return self._axes(self.std, 1)
 
+    @property
+    def predicted(self) -> Mask:
+        """Rows that have an innovation, (n,)."""
+        return np.asarray(np.isfinite(self.innovation).all(axis=1))
+
     def _axes(self, states: Array, derivative: int) -> Array:
         size = states.shape[1] // AXES
         if derivative >= size:
@@ -110,8 +115,13 @@ class Estimates:
         return states[:, derivative::size]
 
 
-def run(track: Track, axis: Timing, motion: Motion, progress: Progress = silent) -> Estimates:
-    """Filter a track, or smooth it with `motion.lag`; afresh after every gap longer than the window."""
+def run(
+    track: Track, axis: Timing, motion: Motion, progress: Progress = silent, *, spread: bool = True
+) -> Estimates:
+    """Filter a track, or smooth it with `motion.lag`; afresh after every gap longer than the window.
+
+    Without `spread` standard deviations and NIS may be left NaN, which is faster.
+    """
     stretches = pieces(axis, motion.horizon)
     out = _blank(len(track), AXES * (motion.order + 1), [each.start for each in stretches])
     whole = axis.regular and track.age is None and motion.lag == 0
@@ -122,7 +132,7 @@ def run(track: Track, axis: Timing, motion: Motion, progress: Progress = silent)
         if whole:
             filter_grid(track, axis, motion, each, origin, out, progress)
         else:
-            dropped += filter_rows(track, axis, motion, each, origin, out, progress)
+            dropped += filter_rows(track, axis, motion, each, origin, out, progress, spread)
         out.mean[each, :: motion.order + 1] += origin
     for state in range(out.mean.shape[1]):
         scale = axis.step ** (state % (motion.order + 1))

@@ -13,6 +13,7 @@ from .series import Mask
 
 __all__ = ["Clock", "in_order", "numbers"]
 
+_SAMPLE = 1000  # stamps that tell how the others are written
 _UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -45,6 +46,7 @@ class Clock:
     @classmethod
     def recognised(cls, texts: list[str], name: str, decimal_comma: bool) -> Clock:
         """The way in which most of `texts`, the first stamps of a column called `name`, can be read."""
+        texts = texts[:_SAMPLE]
         plain = numbers(texts, decimal_comma)
         counts = {
             "number": np.isfinite(plain).sum(),
@@ -71,9 +73,11 @@ class Clock:
 
 
 def _dates(texts: list[str]) -> Array:
-    stamps = pd.to_datetime(pd.Series(texts, dtype=object), format="ISO8601", utc=True, errors="coerce")
-    since = stamps - pd.Timestamp(0, tz="UTC")
-    return np.asarray(since.dt.total_seconds(), dtype=float)
+    series = pd.Series(texts, dtype=object)
+    shaped = series.where(series.str.match(r"\s*\d{4}-?\d{2}-?\d{2}"))  # not a bare year: that is a number
+    stamps = pd.to_datetime(shaped, format="ISO8601", utc=True, errors="coerce")
+    since = stamps.dt.tz_localize(None).to_numpy(dtype="datetime64[us]")
+    return np.where(np.isnat(since), np.nan, since.astype(np.int64) * 1e-6)
 
 
 def _clock_times(texts: list[str]) -> Array:

@@ -20,7 +20,7 @@ __all__ = ["filter_grid", "filter_rows", "new_filter"]
 
 _CHUNK = 8192  # grid points filtered at once: bounds memory, and lets progress show
 _REMEMBERED = 512  # steps whose estimate is kept to judge late rows by
-_NEAR = 0.01  # of a step; measurements this close to a step are of it
+_NEAR = 1e-6  # of a step; measurements this close to a step are of it
 _VAGUE = 1e4  # standard deviations of a measurement: what is known before the first row
 
 
@@ -93,10 +93,11 @@ def filter_rows(
     origin: Array,
     out: Estimates,
     progress: Progress,
+    spread: bool,
 ) -> int:
     """Rows off the grid, late rows, and smoothing, step by step; returns how many came too late."""
     kf = new_filter(motion)
-    walk = _Walk(kf, axis.regular, motion, out)
+    walk = _Walk(kf, axis.regular, motion, out, spread)
     ages = None if track.age is None else age_in_steps(track, axis)[rows]
     measured = track.position[rows] - origin
     index = np.arange(rows.stop - rows.start)
@@ -117,8 +118,8 @@ def filter_rows(
 class _Walk:
     """The steps of one filter through a stretch, and the rows whose estimate is still to come."""
 
-    def __init__(self, kf: Any, regular: bool, motion: Motion, out: Estimates) -> None:
-        self.kf, self.regular, self.motion, self.out = kf, regular, motion, out
+    def __init__(self, kf: Any, regular: bool, motion: Motion, out: Estimates, spread: bool) -> None:
+        self.kf, self.regular, self.motion, self.out, self.spread = kf, regular, motion, out, spread
         self.H, self.R = kf.H.copy(), kf.R.copy()
         self.elapsed: list[float] = []  # steps since the start, at every prediction
         self.models: dict[float, Any] = {}
@@ -150,7 +151,7 @@ class _Walk:
     def take(self, row: int, z: Array) -> None:
         """Update with a row measured now."""
         self.kf.update(z)
-        self._judge(row, np.ravel(self.kf.y), self.kf.S)
+        self._judge(row, np.ravel(self.kf.y), self.kf.S if self.spread else None)
         self.waiting.append((row, len(self.elapsed)))
         self._deliver()
 
@@ -168,8 +169,10 @@ class _Walk:
         self.waiting.append((row, len(self.elapsed)))
         self._deliver()
 
-    def _judge(self, row: int, y: Array, S: Array) -> None:
+    def _judge(self, row: int, y: Array, S: Array | None) -> None:
         self.out.innovation[row] = y
+        if S is None:
+            return
         self.out.innovation_std[row] = np.sqrt(np.diag(S))
         self.out.nis[row] = float(y @ np.linalg.solve(S, y))
 
@@ -196,9 +199,10 @@ class _Walk:
 
     def _write(self, row: int, step: int) -> None:
         lag = len(self.elapsed) - step
-        if lag and self.kf.ready:
-            x, P = self.kf.smoothed(lag)
-        else:
-            x, P = self.kf.x, self.kf.P
+        smoothed = lag > 0 and self.kf.ready
+        x, P = self.kf.smoothed(lag) if smoothed else (self.kf.x, None)
         self.out.mean[row] = np.ravel(x)
+        if not self.spread:
+            return
+        P = self.kf.P if P is None else P
         self.out.std[row] = np.sqrt(np.maximum(np.diag(P), 0.0))

@@ -51,9 +51,9 @@ class Summary:
 
 def summarise(track: Track, estimates: Estimates) -> Summary:
     """The statistics of what a filter made of a track."""
-    judged = estimates.settled & np.isfinite(estimates.nis)
+    judged = estimates.settled & estimates.predicted
     if not judged.any():
-        judged = np.isfinite(estimates.nis)
+        judged = estimates.predicted
     y = np.where(judged[:, None], estimates.innovation, np.nan)
     raw, filtered, true_rows = _to_truth(track, estimates)
     return Summary(
@@ -133,13 +133,10 @@ def facts(
 def _innovations(summary: Summary) -> str:
     if not summary.judged:
         return "none: too few rows to predict one"
-    correlation = (
-        "" if np.isnan(summary.autocorrelation) else f"lag-1 autocorrelation {summary.autocorrelation:.2f} "
-    )
-    return (
-        f"std {summary.innovation_std:.3g} m, {correlation}"
-        f"({summary.judged:,} rows with a whole window behind them)"
-    )
+    said = [f"std {summary.innovation_std:.3g} m"]
+    if not np.isnan(summary.autocorrelation):
+        said.append(f"lag-1 autocorrelation {summary.autocorrelation:.2f}")
+    return f"{', '.join(said)} ({summary.judged:,} rows with a whole window behind them)"
 
 
 def _left_out(track: Track, shown: int = 5) -> list[tuple[str, str]]:

@@ -77,7 +77,7 @@ def _why(track: Track) -> str:
 
 def pieces(axis: Timing, horizon: int) -> list[slice]:
     """The stretches between gaps longer than a window of `horizon` steps; a filter starts afresh in each."""
-    cuts = np.flatnonzero(axis.steps > horizon).tolist()
+    cuts = (1 + np.flatnonzero(axis.steps[1:] > horizon)).tolist()
     return [slice(start, stop) for start, stop in zip([0, *cuts], [*cuts, len(axis.steps)], strict=True)]
 
 
