@@ -13,7 +13,7 @@ from .window import whitener
 # Condition of the scaled rows up to which this path is as accurate as the general one.
 WELL_CONDITIONED = 1e4
 # Rounding of the noise paths, relative to the error's standard deviation, beyond which they are not trusted.
-PATH_ROUNDING = 1e-11
+PATH_ROUNDING = 1e-12
 
 
 def constant_gain(model: Model, horizon: int, lag: int) -> Array | None:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from ._arrays import Array, integer, readonly, symmetric
-from ._constant import constant_covariance, constant_gain
+from ._constant import PATH_ROUNDING, constant_covariance, constant_gain
 from .errors import UnobservableWindow
+from .growing import grown_covariance, grown_gain, noise_paths, unwhitened
 from .model import Model
 from .window import Window, model_window
 
 __all__ = ["Gain", "exact_covariance", "least_squares", "observability_index", "ufir_gain"]
 
 # Above this condition of the scaled rows the start-referenced solution loses digits: recursion takes over.
-DIRECT_LIMIT = 1e5
+DIRECT_LIMIT = 1e4
 # Longest window that is searched for observability.
 SEARCH_LIMIT = 200
 
@@ -140,111 +142,52 @@ def observability_index(model: Model) -> int | None:
 
     The index nu is the first N with F^{N-1} null(C_N) = 0; for invertible F that is full column rank.
     """
-    for horizon in range(1, SEARCH_LIMIT + 1):
-        if model_window(model, horizon).determined():
+
+    def determined(horizon: int) -> bool:
+        return model_window(model, horizon).determined()
+
+    certain = model.dim_x + 1
+    for horizon in range(1, certain + 1):
+        if determined(horizon):
             return horizon
-        if horizon > 2 * model.dim_x and horizon % 10:
-            continue
-    return None
+    # By Cayley-Hamilton no longer window sees more; a nearly unobservable mode may pass the rank test later.
+    if not determined(SEARCH_LIMIT):
+        return None
+    return bisect_left(range(certain + 1, SEARCH_LIMIT), True, key=determined) + certain + 1
 
 
 def least_squares(window: Window) -> Array:
     """K = T C+ on the raw rows: (dim_x, total components), minimum norm where C is rank deficient.
 
-    The window must be determined. Ill-conditioned windows (long, unstable F) go through the square-root
-    recursion, which is right to 5e-12 where the batch form is not.
+    The window must be determined. Ill-conditioned ones (long, unstable F) are solved by growing a short one.
     """
     if window.condition > DIRECT_LIMIT or window.rank < window.dim_x:
-        K = _recursive(window)
-        if K is not None:
-            return K
+        grown = grown_gain(window)
+        if grown is not None:
+            return grown
     U, s, Vt = window.spectrum
     r = window.rank
-    weights = (window.T / window.scale) @ (Vt[:r].T / s[:r]) @ U[:, :r].T
-    return _unwhiten(window, weights)
-
-
-def _unwhiten(window: Window, weights: Array) -> Array:
-    """A gain on whitened rows as a gain on the raw ones."""
-    for W, start, stop in zip(window.W, window.starts, window.starts[1:], strict=False):
-        weights[:, start:stop] = weights[:, start:stop] @ W
-    return weights
-
-
-def _recursive(window: Window) -> Array | None:
-    """The gain by a square-root Kalman recursion without process noise from the shortest determining prefix.
-
-    None where no prefix determines the state at its own end (for singular F only), or for a lagged aim.
-    """
-    newest = window.origins[-1]
-    if window.aim < newest:
-        return None
-    start = _start(window)
-    if start is None:
-        return None
-    count, head = start
-    U, s, Vt = head.spectrum
-    reduced = (head.T / head.scale) @ (Vt[: head.rank].T / s[: head.rank])
-    S, K = reduced, np.zeros((window.dim_x, window.starts[-1]))
-    K[:, : head.starts[-1]] = reduced @ U[:, : head.rank].T
-    time = head.aim
-    for index in range(count, len(window.H)):
-        for F in window.F[time : window.origins[index]]:
-            S, K = F @ S, F @ K
-        time = window.origins[index]
-        W, span = window.W[index], slice(window.starts[index], window.starts[index + 1])
-        K, S = _absorb(W @ window.H[index], K, S, span)
-    for F in window.F[time : window.aim]:
-        K = F @ K
-    return _unwhiten(window, K)
-
-
-def _absorb(H: Array, K: Array, S: Array, span: slice) -> tuple[Array, Array]:
-    """One whitened row into the gain and the square-root noise power: LQ of [[I, H S], [0, S]]."""
-    m, (n, r) = len(H), S.shape
-    array = np.block([[np.eye(m), H @ S], [np.zeros((n, m)), S]])
-    lower = np.asarray(np.linalg.qr(array.T, mode="r")).T
-    step = np.linalg.solve(lower[:m, :m].T, lower[m:, :m].T).T
-    K = K - step @ (H @ K)
-    K[:, span] += step
-    return K, lower[m:, m : m + r]
-
-
-def _start(window: Window) -> tuple[int, Window] | None:
-    """The shortest prefix of rows that determines the state at its own end well, with that end as its aim."""
-    for count in range(1, len(window.H) + 1):
-        if count < len(window.H) and window.origins[count] == window.origins[count - 1]:
-            continue
-        head = window.prefix(count)
-        head = Window(head.F, head.Q, head.H, head.R, head.origins, head.origins[-1], head.W)
-        if head.starts[-1] >= 1 and head.rank and head.determined():
-            return count, head
-    return None
+    K = (window.T / window.scale) @ (Vt[:r].T / s[:r]) @ U[:, :r].T
+    return unwhitened(window, K)
 
 
 def exact_covariance(window: Window, K: Array) -> Array:
-    """Exact error covariance of the estimate K Z, for any gain, delays and holes (dim_x, dim_x).
+    """Exact error covariance (dim_x, dim_x) of a window's least-squares estimate K Z, with delays and holes.
 
     P = sum_j D_j Q_j D_j' + sum_r g_r R_r g_r',  D_j = Phi(aim, j) - sum_{r: o_r >= j} g_r H_r Phi(o_r, j),
-    by backward recursion: no inverse of F.
+    by the backward recursion of `noise_paths`, which ends in D_0 = 0. Where rounding has grown too much on
+    the way (unstable F amplify it with every step), by the forward recursion, which is stable.
     """
-    n = window.dim_x
-    end = max(window.aim, window.origins[-1])
-    carried, noise = np.zeros((n, n)), np.zeros((n, n))
-    index = len(window.H) - 1
-    directions = []
-    for time in range(end, 0, -1):
-        if time == window.aim:
-            carried = carried + np.eye(n)
-        while index >= 0 and window.origins[index] == time:
-            carried = carried - K[:, window.starts[index] : window.starts[index + 1]] @ window.H[index]
-            index -= 1
-        directions.append(carried)
-        carried = carried @ window.F[time - 1]
-    if directions:
-        D = np.array(directions[::-1])
-        noise = (D @ np.array(window.Q[:end]) @ D.transpose(0, 2, 1)).sum(axis=0)
-    for R, start, stop in zip(window.R, window.starts, window.starts[1:], strict=False):
-        g = K[:, start:stop]
+    noise = np.zeros((window.dim_x, window.dim_x))
+    for g, R in zip(np.split(K, window.starts[1:-1], axis=1), window.R, strict=True):
         noise += g @ R @ g.T
+    rounding, *paths = noise_paths(window, K, [window.aim])
+    if paths:
+        D, Q = np.array(paths), np.array(window.Q[: len(paths)])
+        noise += (D @ Q @ D.transpose(0, 2, 1)).sum(axis=0)
+        rounding = rounding @ Q.sum(axis=0) @ rounding.T
+    if not (np.diag(rounding) <= PATH_ROUNDING**2 * np.diag(noise)).all() and paths:
+        grown = grown_covariance(window)
+        if grown is not None:
+            return grown
     return symmetric(noise)

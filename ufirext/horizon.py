@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from ._arrays import Array, integer
 from .errors import UnobservableWindow
-from .gains import exact_covariance, least_squares, observability_index
+from .gains import observability_index, ufir_gain
+from .growing import GOOD_CONDITION, SEARCH_PER_STATE
 from .model import Model
 from .window import model_window, whitener
 
@@ -126,34 +128,49 @@ def first_minimum(values: Array) -> int:
 
 
 def horizon_criterion(model: Model, first: int, last: int) -> Array:
-    """tr(R^-1 H P_N H') for N = first .. last: the error in units of R; ends early where hopeless.
-
-    One pass: the window that grows by a step is recursive least squares, whose gain and exact covariance obey
-    A = (I - K H) F,  G <- A G A' + K R K',  P <- A P A' + (I - K H) Q (I - K H)' + K R K'.
-    """
-    start = min(first, shortest_horizon(model))
-    window = model_window(model, start)
-    gain = least_squares(window)
-    W = whitener(model.R)
-    H, noise = W @ model.H, np.stack([np.eye(model.dim_z), W @ model.R @ W.T])
-    whitened = np.linalg.solve(W.T, gain.reshape(-1, model.dim_z).T).T.reshape(model.dim_x, -1)
-    pair = np.stack([whitened @ whitened.T, exact_covariance(window, gain)])
-    drive = np.stack([np.zeros_like(model.Q), model.Q])
-    F, eye, one = model.F, np.eye(model.dim_x), np.eye(model.dim_z)
+    """tr(R^-1 H P_N H') for N = first .. last: the error in units of R; ends early where hopeless."""
+    H = whitener(model.R) @ model.H
     result: list[float] = []
     best, at = np.inf, first
-    for horizon in range(start, last + 1):
-        if horizon > start:
-            pair = F @ pair @ F.T + drive
-            seen = H @ pair[0]
-            K = np.linalg.solve(seen @ H.T + one, seen).T
-            A = eye - K @ H
-            pair = A @ pair @ A.T + K @ noise @ K.T
-        if horizon < first:
-            continue
-        result.append(float(np.vdot(H @ pair[1], H)))
+    for horizon, P in enumerate(_covariances(model, first, last), first):
+        result.append(float(np.vdot(H @ P, H)))
         if result[-1] < best:
             best, at = result[-1], horizon
         elif horizon > 3 * at and result[-1] > HOPELESS * best:
             break
     return np.array(result)
+
+
+def _covariances(model: Model, first: int, last: int) -> Iterator[Array]:
+    """Exact error covariances for horizons first .. last.
+
+    One pass: the window that grows by a step is recursive least squares, whose gain and exact covariance obey
+    A = (I - K H) F,  G <- A G A' + K R K',  P <- A P A' + (I - K H) Q (I - K H)' + K R K'.
+    """
+    start = _good_start(model, last)
+    for horizon in range(first, min(start, last + 1)):
+        yield ufir_gain(model, horizon).P
+    if start > last:
+        return
+    gain = ufir_gain(model, start)
+    W = whitener(model.R)
+    H, noise = W @ model.H, np.stack([np.eye(model.dim_z), W @ model.R @ W.T])
+    whitened = np.linalg.solve(W.T, gain.K.reshape(-1, model.dim_z).T).T.reshape(model.dim_x, -1)
+    pair = np.stack([whitened @ whitened.T, gain.P])
+    drive = np.stack([np.zeros_like(model.Q), model.Q])
+    F, eye, one = model.F, np.eye(model.dim_x), np.eye(model.dim_z)
+    for horizon in range(start, last + 1):
+        if horizon >= first:
+            yield pair[1]
+        pair = F @ pair @ F.T + drive
+        seen = H @ pair[0]
+        K = np.linalg.solve(seen @ H.T + one, seen).T
+        A = eye - K @ H
+        pair = A @ pair @ A.T + K @ noise @ K.T
+
+
+def _good_start(model: Model, last: int) -> int:
+    """The shortest horizon of good condition, last + 1 if none has one: variances square conditions."""
+    nu = shortest_horizon(model)
+    near = range(nu, min(nu + SEARCH_PER_STATE * model.dim_x, last) + 1)
+    return next((N for N in near if model_window(model, N).condition < GOOD_CONDITION), last + 1)

@@ -1,4 +1,4 @@
-"""The window: rows of measurements, stacked as equations in its oldest state. The only place that counts indices.
+"""The window: rows of measurements, stacked as equations in its oldest state. Only here indices are counted.
 
 A datum is a row (origin, H, R, z): z = H x_origin + v, cov v = R. With a the oldest origin of the window and
 Phi(j, a) = F_j .. F_{a+1}, the rows stack to  Z = C x_a + D w + v,  and the state aimed at is
@@ -7,7 +7,7 @@ x_aim = T x_a + E w. A delayed measurement is only an older row (MATHEMATICS: on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -22,6 +22,8 @@ RANK_TOLERANCE = 1e-10
 REACH_TOLERANCE = 1e-8
 # Eigenvalues of a singular R are lifted to this fraction of the largest, so that it can be a weight.
 R_FLOOR = 1e-12
+# Entries of the stacked rows beyond this would overflow when squared.
+LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def whitener(R: Array) -> Array:
     scale = np.sqrt(np.diag(R))
     if not scale.any():
         return np.eye(len(R))
-    scale = np.where(scale > 0.0, scale, scale.max() * np.sqrt(R_FLOOR))
+    scale = np.where(scale > 0.0, scale, scale.max())
     values, vectors = np.linalg.eigh(R / np.outer(scale, scale))
     lifted = np.maximum(values, R_FLOOR * values[-1])
     return np.asarray((vectors / np.sqrt(lifted)).T / scale)
@@ -89,7 +91,8 @@ class Window:
 
     @cached_property
     def dim_x(self) -> int:
-        return self.H[0].shape[1]
+        """Number of states."""
+        return int(self.H[0].shape[1])
 
     @cached_property
     def W(self) -> Sequence[Array]:
@@ -105,15 +108,22 @@ class Window:
     def products(self) -> list[Array]:
         """Phi(j, 0) for j = 0 .. len(F): forward products only, so F may be singular."""
         result = [np.eye(self.dim_x)]
-        for F in self.F:
-            result.append(F @ result[-1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            for F in self.F:
+                result.append(F @ result[-1])
         return result
 
     @cached_property
     def C(self) -> Array:
         """(rows, dim_x): whitened observation matrix, Z = C x_oldest + noise."""
-        rows = [W @ (H @ self.products[o]) for W, H, o in zip(self.W, self.H, self.origins, strict=True)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows = [W @ (H @ self.products[o]) for W, H, o in zip(self.W, self.H, self.origins, strict=True)]
         return np.concatenate(rows)
+
+    @cached_property
+    def overflows(self) -> bool:
+        """True where powers of an unstable F leave the range of floating point: only prefixes can be used."""
+        return not (np.abs(self.C) < LARGEST).all()
 
     @property
     def T(self) -> Array:
@@ -128,18 +138,22 @@ class Window:
 
     @cached_property
     def spectrum(self) -> tuple[Array, Array, Array]:
-        """U, s, V' of the column-scaled C."""
+        """U, s, V' of the column-scaled C; raises where it overflows."""
         return np.linalg.svd(self.C / self.scale, full_matrices=False)
 
     @cached_property
     def rank(self) -> int:
         """Numerical rank of the column-scaled C."""
+        if self.overflows:
+            return max((prefix.rank for prefix in self.prefixes() if not prefix.overflows), default=0)
         s = self.spectrum[1]
         return int((s > RANK_TOLERANCE * s[0]).sum()) if s[0] > 0.0 else 0
 
     @cached_property
     def condition(self) -> float:
         """Condition of C on the directions it sees."""
+        if self.overflows:
+            return np.inf
         s = self.spectrum[1]
         return float(s[0] / s[self.rank - 1]) if self.rank else np.inf
 
@@ -149,21 +163,29 @@ class Window:
         Long windows of unstable models drown the early rows, so shorter prefixes of the rows (oldest first)
         are asked as well: what a prefix determines, all rows determine.
         """
-        if _reaches(self):
-            return True
-        count = len(self.H)
-        lengths = [size for size in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64) if size < count]
-        return any(_reaches(self.prefix(size)) for size in lengths)
+        return _reaches(self) or any(_reaches(prefix) for prefix in self.prefixes())
+
+    def prefixes(self) -> Iterator[Window]:
+        """Shorter windows of the oldest rows, shortest first, same aim."""
+        for size in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64):
+            if size < len(self.H):
+                yield self.prefix(size)
 
     def prefix(self, count: int) -> Window:
         """The `count` oldest rows, same aim."""
-        return Window(
-            self.F, self.Q, self.H[:count], self.R[:count], self.origins[:count], self.aim, self.W[:count]
+        rows = slice(count)
+        shorter = Window(
+            self.F, self.Q, self.H[rows], self.R[rows], self.origins[rows], self.aim, self.W[rows]
         )
+        # The equations are the same ones: no need to stack them again.
+        shorter.__dict__.update(products=self.products, C=self.C[: self.starts[count]])
+        return shorter
 
 
 def _reaches(window: Window) -> bool:
     """T null(C) = 0, row by row relative to T."""
+    if window.overflows:
+        return False
     if window.rank == window.dim_x:
         return True
     if window.rank == 0:
@@ -176,7 +198,7 @@ def _reaches(window: Window) -> bool:
 
 
 def model_window(model: Model, horizon: int, lag: int = 0) -> Window:
-    """The full window of a constant model: one row at each of `horizon` consecutive steps, newest - lag aimed at."""
+    """The full window of a constant model: a row at each of `horizon` steps; `lag` before the newest."""
     steps = range(horizon)
     return Window(
         F=[model.F] * (horizon - 1),
