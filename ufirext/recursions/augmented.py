@@ -34,16 +34,20 @@ def lift(x: Array, P: Array, blocks: int) -> Lifted:
     return Lifted(big_x, big_P)
 
 
-def predict_lifted(state: Lifted, F: Array, Q: Array, Bu: Array | None = None) -> Lifted:
-    """One step ahead: the newest block moves by F, the others move down, the oldest drops out."""
+def predict_lifted(state: Lifted, F: Array, Q: Array, Bu: Array | None = None, fading: float = 1.0) -> Lifted:
+    """One step ahead: the newest block moves by F, the others move down, the oldest drops out.
+
+    Fading memory magnifies the error of the newest block by sqrt(fading).
+    """
     n = len(F)
     x, P = np.empty_like(state.x), np.empty_like(state.P)
     x[n:] = state.x[:-n] if len(state.x) > n else ()
     x[:n] = F.dot(state.x[:n]) + (0.0 if Bu is None else Bu.reshape(-1))
     kept = len(P) - n
-    P[:n, :n] = symmetric(F.dot(state.P[:n, :n]).dot(F.T)) + Q
+    moved = F if fading == 1.0 else np.sqrt(fading) * F
+    P[:n, :n] = symmetric(moved.dot(state.P[:n, :n]).dot(moved.T)) + Q
     P[n:, n:] = state.P[:kept, :kept]
-    P[:n, n:] = F.dot(state.P[:n, :kept])
+    P[:n, n:] = moved.dot(state.P[:n, :kept])
     P[n:, :n] = P[:n, n:].T
     return Lifted(x, P)
 

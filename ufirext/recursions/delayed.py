@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from .._arrays import Array
 from ..channels import Effective, Step
 from .kalman import Posterior, predict, update
 
-__all__ = ["Correlation", "Delayed", "predict_delayed", "update_delayed"]
+__all__ = ["Correlation", "Delayed", "cross_covariance", "predict_delayed", "update_delayed"]
 
 Correlation = Literal["exact", "correlated", "white"]
 
@@ -37,17 +39,23 @@ class Delayed(NamedTuple):
     past: tuple[Step, ...] = ()
 
 
-def predict_delayed(state: Delayed, F: Array, Q: Array, Bu: Array | None = None, *, depth: int) -> Delayed:
-    """One step ahead, remembering the last `depth` process noises:  E_j <- F E_j,  E_newest = Q."""
-    x, P = predict(state.x, state.P, F, Q, Bu)
+def predict_delayed(
+    state: Delayed, F: Array, Q: Array, Bu: Array | None = None, *, depth: int, fading: float = 1.0
+) -> Delayed:
+    """One step ahead, remembering the last `depth` process noises:  E_j <- F E_j,  E_newest = Q.
+
+    Fading memory magnifies the error, and so its covariances with the noises, by sqrt(fading).
+    """
+    x, P = predict(state.x, state.P, F, Q, Bu, fading)
     if depth == 0:
         return Delayed(x, P)
-    older = [F.dot(E) for E in state.E[: depth - 1]]
+    magnified = F if fading == 1.0 else np.sqrt(fading) * F
+    older = [magnified.dot(E) for E in state.E[: depth - 1]]
     return Delayed(x, P, (Q, *older), (*state.past, Step(F, Q, Bu))[-depth:])
 
 
 def update_delayed(
-    state: Delayed, z: Array, row: Effective, correlation: Correlation = "exact"
+    state: Delayed, z: Array, row: Effective, correlation: Correlation = "exact", cross: Array | None = None
 ) -> tuple[Delayed, Posterior]:
     """Take in a measurement that `row` expresses by the present state.
 
@@ -62,6 +70,8 @@ def update_delayed(
         How much of the correlation between the error and the measurement's noise is taken into account: all
         of it; that with the newest process noise only (phi of Uribe-Murcia et al. 2022); none (Uribe-Murcia
         et al. 2018). P is the true error covariance for the first only.
+    cross : ndarray, (dim_x, dim_z), optional
+        Covariance of the error with the measurement's own noise, beside that through the process noises.
 
     Returns
     -------
@@ -72,10 +82,7 @@ def update_delayed(
     Ph = -sum_{i<k} E_{n-i} G_i',  K and P as in `update` with cross = Ph, and
     E_j <- (I - K Hb) E_j + K G_{n-j} Q_j.
     """
-    cross = None
-    for E, G in zip(state.E, _known(row, correlation), strict=False):
-        part = E.dot(G.T)
-        cross = -part if cross is None else cross - part
+    cross = cross_covariance(state, row, correlation, cross)
     z = z + row.offset.reshape(z.shape)
     posterior = update(state.x, state.P, z, row.H, row.R, cross)
     K = posterior.K
@@ -83,6 +90,16 @@ def update_delayed(
     for i, G in enumerate(row.G[: len(kept)]):
         kept[i] = kept[i] + K.dot(G).dot(state.past[-1 - i].Q)
     return Delayed(posterior.x, posterior.P, tuple(kept), state.past), posterior
+
+
+def cross_covariance(
+    state: Delayed, row: Effective, correlation: Correlation = "exact", cross: Array | None = None
+) -> Array | None:
+    """E[e v'] of the prior error with the noise of `row`, as far as `correlation` takes it into account."""
+    for E, G in zip(state.E, _known(row, correlation), strict=False):
+        part = E.dot(G.T)
+        cross = -part if cross is None else cross - part
+    return cross
 
 
 def _known(row: Effective, correlation: Correlation) -> tuple[Array, ...]:

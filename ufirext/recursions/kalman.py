@@ -25,8 +25,10 @@ class Posterior(NamedTuple):
     S: Array
 
 
-def predict(x: Array, P: Array, F: Array, Q: Array, Bu: Array | None = None) -> tuple[Array, Array]:
-    """One step ahead:  x- = F x + B u,  P- = F P F' + Q.
+def predict(
+    x: Array, P: Array, F: Array, Q: Array, Bu: Array | None = None, fading: float = 1.0
+) -> tuple[Array, Array]:
+    """One step ahead:  x- = F x + B u,  P- = fading F P F' + Q.
 
     Parameters
     ----------
@@ -35,6 +37,8 @@ def predict(x: Array, P: Array, F: Array, Q: Array, Bu: Array | None = None) -> 
         Q is positive semidefinite and is never inverted.
     Bu : ndarray, same shape as x, optional
         What the known input adds to the state.
+    fading : float, optional
+        Fading memory: alpha^2 of filterpy, at least 1.
 
     Returns
     -------
@@ -42,7 +46,8 @@ def predict(x: Array, P: Array, F: Array, Q: Array, Bu: Array | None = None) -> 
         Prior state and covariance, in the shapes of the arguments.
     """
     x = F.dot(x)
-    return (x if Bu is None else x + Bu), symmetric(F.dot(P).dot(F.T)) + Q
+    moved = symmetric(F.dot(P).dot(F.T))
+    return (x if Bu is None else x + Bu), (moved if fading == 1.0 else fading * moved) + Q
 
 
 def innovation_gain(C: Array, S: Array) -> Array:
