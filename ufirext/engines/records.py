@@ -59,23 +59,13 @@ class Stack(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """An estimate, with the stack and the gain it came from."""
+    """An estimate, and what can be asked about it later: covariance, gain on all rows and on the newest."""
 
     x: Array
-    stack: Stack
-    gain: Array
-
-    @property
-    def covariance(self) -> Covariance:
-        """Exact error covariance, computed when looked at."""
-        return Covariance(exact_covariance, (self.stack.window, self.gain))
-
-    @property
-    def newest_gain(self) -> Array:
-        """Columns of the gain that act on the row which arrived last (dim_x, its components)."""
-        rows, starts = self.stack.rows, self.stack.window.starts
-        newest = max(range(len(rows)), key=lambda index: rows[index].arrival)
-        return self.gain[:, starts[newest] : starts[newest + 1]]
+    covariance: Covariance
+    gain: Covariance
+    newest_gain: Covariance
+    rows: int
 
 
 class Records:
@@ -183,7 +173,20 @@ class Records:
             return None
         gain = least_squares(stack.window)
         x = gain @ stack.Z + stack.known
-        return Solution(x if lag or self.after is None else x + self.after, stack, gain)
+        return Solution(
+            x if lag or self.after is None else x + self.after,
+            Covariance(exact_covariance, (stack.window, gain)),
+            Covariance.of(gain),
+            Covariance(_newest_gain, (stack, gain)),
+            len(stack.rows),
+        )
+
+
+def _newest_gain(stack: Stack, gain: Array) -> Array:
+    """Columns of the gain that act on the row which arrived last (dim_x, its components)."""
+    rows, starts = stack.rows, stack.window.starts
+    newest = max(range(len(rows)), key=lambda index: rows[index].arrival)
+    return gain[:, starts[newest] : starts[newest + 1]]
 
 
 def _key(row: Row, limits: Limits) -> int:

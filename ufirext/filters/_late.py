@@ -76,6 +76,8 @@ class LateState(FilterState):
             if mask.any() and self._wanted(delay):
                 last, x, P = self._taken(z, H, R, mask, delay, cross)
                 self._present(x, P)
+                if self.channel.stamped and not self.channel.fresh_noise:
+                    self.seen = (*self.seen, self.now - delay)
         if last is None:
             self._nothing()
             mask = np.zeros(len(H), dtype=bool)
@@ -100,8 +102,6 @@ class LateState(FilterState):
         if origin < 0 or (not self.channel.fresh_noise and self.channel.stamped and origin in self.seen):
             self.dropped += 1
             return False
-        if not self.channel.fresh_noise and self.channel.stamped:
-            self.seen = (*self.seen, origin)
         return True
 
     def _present(self, x: Array, P: Array) -> None:

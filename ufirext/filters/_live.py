@@ -39,7 +39,8 @@ class Live:
         array = self._check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self._handed = value if same and value.flags.writeable else None
-        self.value = readonly(array)
+        if array.tobytes() != self.value.tobytes():
+            self.value = readonly(array)
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""

@@ -56,9 +56,16 @@ class FilterState:
             self._x_raw = self._x_handed.tobytes()
         return self._x_handed
 
+    def hand_out(self, name: str) -> Array:
+        """A model matrix, editable; edits count from the next verb on."""
+        self.settle()
+        live: Live = getattr(self, name)
+        return live.hand_out()
+
     def hand_out_P(self) -> Array:
         """The covariance, editable; edits count from the next verb on."""
         if self._P_handed is None:
+            self.settle()
             self._P_handed = self.P.value.copy()
             self._P_raw = self._P_handed.tobytes()
         return self._P_handed
@@ -96,6 +103,15 @@ class FilterState:
         if value is not None:
             check = _Inputs(self.dim_x, dim_u)
             self.B = Live(check(value), check)
+
+    def look(self) -> FilterState:
+        """The state with every field worked out."""
+        return self
+
+    def watched(self) -> bool:
+        """Whether the client may edit P or a model matrix in place."""
+        lives = (self.F, self.H, self.Q, self.R, self.M, self.B)
+        return self._P_handed is not None or any(live is not None and live.watched for live in lives)
 
     def settle(self) -> None:
         """Honour everything that was edited in place since the last verb."""
@@ -150,9 +166,14 @@ class FilterState:
         self.last = Update(z, H, R, mask, x, P, gain, cross)
         self.updated = True
         self.post = (self.x, self.P)
+        self.warm()
+
+    def warm(self) -> None:
+        """The end of an update(): a chance to prepare for the next ones."""
 
     def keep_P(self, P: Covariance, last: Update | None = None) -> None:
         """Undo the covariance part of the last verb (filterpy's steady-state verbs); `last` lends K and S."""
+        self.settle()
         self.P, self._P_handed = P, None
         if self.updated:
             self.post = (self.x, P)

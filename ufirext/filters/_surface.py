@@ -56,7 +56,7 @@ class FilterSurface:
     @property
     def F(self) -> Array:
         """State transition, (dim_x, dim_x)."""
-        return self._state.F.hand_out()
+        return self._state.hand_out("F")
 
     @F.setter
     def F(self, value: ArrayLike) -> None:
@@ -65,7 +65,7 @@ class FilterSurface:
     @property
     def H(self) -> Array:
         """Measurement matrix, (dim_z, dim_x)."""
-        return self._state.H.hand_out()
+        return self._state.hand_out("H")
 
     @H.setter
     def H(self, value: ArrayLike) -> None:
@@ -74,7 +74,7 @@ class FilterSurface:
     @property
     def Q(self) -> Array:
         """Process noise covariance, (dim_x, dim_x)."""
-        return self._state.Q.hand_out()
+        return self._state.hand_out("Q")
 
     @Q.setter
     def Q(self, value: ArrayLike) -> None:
@@ -83,7 +83,7 @@ class FilterSurface:
     @property
     def R(self) -> Array:
         """Measurement noise covariance, (dim_z, dim_z)."""
-        return self._state.R.hand_out()
+        return self._state.hand_out("R")
 
     @R.setter
     def R(self, value: ArrayLike) -> None:
@@ -92,7 +92,7 @@ class FilterSurface:
     @property
     def M(self) -> Array:
         """Cross-correlation of process and measurement noise, (dim_x, dim_z); used by `update_correlated`."""
-        return self._state.M.hand_out()
+        return self._state.hand_out("M")
 
     @M.setter
     def M(self, value: ArrayLike) -> None:
@@ -101,7 +101,7 @@ class FilterSurface:
     @property
     def B(self) -> Array | None:
         """Input matrix, (dim_x, dim_u), or None."""
-        return None if self._state.B is None else self._state.B.hand_out()
+        return None if self._state.B is None else self._state.hand_out("B")
 
     @B.setter
     def B(self, value: ArrayLike | None) -> None:
@@ -116,6 +116,7 @@ class FilterSurface:
     def alpha(self, value: float) -> None:
         if not np.isscalar(value) or not value >= 1 or not math.isfinite(value):  # type: ignore[operator]
             raise ValueError(f"alpha must be a finite number of at least 1, got {value!r}")
+        self._state.settle()
         self._state.fading = float(value) ** 2  # type: ignore[arg-type]
 
     # -- the last step ----------------------------------------------------------------------------------------
@@ -123,27 +124,27 @@ class FilterSurface:
     @property
     def x_prior(self) -> Array:
         """Prediction before the last update, a copy."""
-        return self._state.shaped(self._state.prior[0])
+        return self._state.shaped(self._state.look().prior[0])
 
     @property
     def P_prior(self) -> Array:
         """Covariance of `x_prior`, a copy."""
-        return self._state.prior[1].value.copy()
+        return self._state.look().prior[1].value.copy()
 
     @property
     def x_post(self) -> Array:
         """Estimate after the last update, a copy."""
-        return self._state.shaped(self._state.post[0])
+        return self._state.shaped(self._state.look().post[0])
 
     @property
     def P_post(self) -> Array:
         """Covariance of `x_post`, a copy."""
-        return self._state.post[1].value.copy()
+        return self._state.look().post[1].value.copy()
 
     @property
     def z(self) -> Array:
         """The last measurement in the form of x; an array of None if there was none."""
-        last = self._state.last
+        last = self._state.look().last
         if last is None or last.z is None:
             empty = np.array([None] * self.dim_z)
             return empty.reshape(-1, 1) if self._state.form == 2 else empty
@@ -152,31 +153,31 @@ class FilterSurface:
     @property
     def y(self) -> Array:
         """Innovation z - H x_prior, 0 where nothing was measured."""
-        last = self._state.last
+        last = self._state.look().last
         return self._state.shaped(np.zeros(self.dim_z) if last is None else last.y)
 
     @property
     def K(self) -> Array:
         """Gain on the newest measurement, (dim_x, dim_z)."""
-        last = self._state.last
+        last = self._state.look().last
         return np.zeros((self.dim_x, self.dim_z)) if last is None else last.K.copy()
 
     @property
     def S(self) -> Array:
         """Innovation covariance H P_prior H' + R, (dim_z, dim_z)."""
-        last = self._state.last
+        last = self._state.look().last
         return np.zeros((self.dim_z, self.dim_z)) if last is None else last.S.copy()
 
     @property
     def SI(self) -> Array:
         """Inverse of S, by the replaceable `inv`."""
-        last = self._state.last
+        last = self._state.look().last
         return np.zeros((self.dim_z, self.dim_z)) if last is None else np.asarray(self.inv(last.S))
 
     @property
     def log_likelihood(self) -> float:
         """log N(y; 0, S) of the last update."""
-        last = self._state.last
+        last = self._state.look().last
         return LOG_SMALLEST if last is None else last.log_likelihood()
 
     @property
@@ -187,7 +188,7 @@ class FilterSurface:
     @property
     def mahalanobis(self) -> float:
         """sqrt(y' S^-1 y)."""
-        last = self._state.last
+        last = self._state.look().last
         if last is None:
             return 0.0
         return math.sqrt(max(float(last.y @ self.SI @ last.y), 0.0))
@@ -262,13 +263,14 @@ class FilterSurface:
 
     def predict_steadystate(self, u: ArrayLike | None = 0, B: ArrayLike | None = None) -> None:
         """`predict` that leaves P as it is."""
-        P = self._state.P
+        P = self._state.look().P
         self.predict(u, B)
         self._state.keep_P(P)
 
     def update_steadystate(self, z: ArrayLike | None) -> None:
         """`update` that leaves P, K and S as they are."""
-        P, last = self._state.P, self._state.last
+        state = self._state.look()
+        P, last = state.P, state.last
         self.update(z)
         self._state.keep_P(P, last)
 
@@ -323,7 +325,7 @@ class FilterSurface:
         flat = measurement(z, self.dim_z)
         if flat is None:
             raise ShapeError("residual_of needs a measurement, got None")
-        return self._state.shaped(flat - self._state.H.value @ self._state.prior[0])
+        return self._state.shaped(flat - self._state.H.value @ self._state.look().prior[0])
 
     def measurement_of_state(self, x: ArrayLike) -> Array:
         """H x, in the form of the x given."""
@@ -335,7 +337,7 @@ class FilterSurface:
         if flat is None or np.isnan(flat).all():
             return LOG_SMALLEST
         mask = ~np.isnan(flat)
-        state = self._state
+        state = self._state.look()
         residual = flat - state.H.value @ self.x.reshape(-1)
         S = self.S if state.last is not None else state.H.value @ state.P.value @ state.H.value.T + state.R.value
         return log_normal(residual[mask], S[np.ix_(mask, mask)])
@@ -393,10 +395,10 @@ class FilterSurface:
             for verb in ("update", "predict") if update_first else ("predict", "update"):
                 if verb == "update":
                     self.update(z, R=R, H=H)
-                    means[i], covs[i] = self.x, self._state.P.value
+                    means[i], covs[i] = self.x, self._state.look().P.value
                 else:
                     self.predict(u=u, B=B, F=F, Q=Q)
-                    means_p[i], covs_p[i] = self.x, self._state.P.value
+                    means_p[i], covs_p[i] = self.x, self._state.look().P.value
             if saver is not None:
                 saver.save()
         return means, covs, means_p, covs_p

@@ -1,29 +1,35 @@
-"""What a UFIRFilter remembers and how it decides: warm-up, window, coasting, horizon."""
+"""What a UFIRFilter remembers and how it decides: warm-up, window, coasting, horizon, and the hot path's laziness."""
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
 
 from .._arrays import Array, integer
 from ..engines.covariance import Covariance
+from ..engines.plan import Plan, plan
 from ..engines.records import Limits, Records, Solution, negligible
+from ..engines.ring import GROWING_GAINS, Ring
 from ..errors import HorizonError, UnobservableWindow
 from ..gains import observability_index
 from ..model import Model
 from ..window import Row
 from ._state import FilterState
-from ._update import innovation_gain, joseph
+from ._update import Update, innovation_gain, joseph
 
 # Horizon where the model determines none (it is unobservable at every horizon: the filter coasts).
 FALLBACK_HORIZON = 10
 MISSING = ("extend", "skip", "predict")
 WINDOWS = ("arrivals", "origins")
+# The hot path: a constant model, a window without holes, nothing written from outside. Then predict() only moves
+# `mode` from POSTED to PREDICTED, update() only stores z, and x is worked out when it is read.
+SLOW, POSTED, PREDICTED = 0, 1, 2
 
 
 class UFIRState(FilterState):
-    """Records of what came, and least squares over the window of them; a Kalman filter until they suffice."""
+    """Least squares over the window of what came; a Kalman filter until the rows suffice."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z)
@@ -33,10 +39,14 @@ class UFIRState(FilterState):
         self.index: int | None = None
         self.refreshed: int | None = None  # step at which the model was last looked at
         self.stale = True
-        self.records: Records | None = None
+        self.engine: Ring | Records | None = None
+        self.anchor: tuple[Array, ...] = ()  # F, H, Q, R the ring was made for
+        self.irregular = 0  # newest step at which something came that a ring cannot hold
         self.solution: Solution | None = None
         self.ready_at: int | None = None  # step of the last update that left the filter ready
         self.dropped = 0
+        self.mode = SLOW
+        self.seen = 0  # step up to which the published fields are worked out
 
     # -- horizon ----------------------------------------------------------------------------------------------
 
@@ -45,16 +55,20 @@ class UFIRState(FilterState):
         self.policy = horizon
         self.horizon = horizon if isinstance(horizon, int) else None
         self.refreshed, self.stale = None, True
+        self._to_records()
 
     def refresh(self) -> None:
         """Look at the model: observability index, and the horizon where it is chosen from the model."""
         due = self.refreshed is None or (self.policy == "auto" and self.now - self.refreshed >= (self.horizon or 0))
         if not (self.stale and due):
             return
-        model = Model(self.F.value, self.H.value, self.Q.value, self.R.value)
+        model = self._model()
         self.index = observability_index(model)
         if self.policy == "auto":
-            self.horizon = self._from_model(model)
+            horizon = _from_model(model, self.index)
+            if horizon != self.horizon:
+                self._to_records()
+            self.horizon = horizon
         elif self.index is not None and self.horizon is not None and self.horizon < self.index:
             raise UnobservableWindow(
                 f"horizon must be at least {self.index} for this model (the shortest window that determines its "
@@ -63,10 +77,8 @@ class UFIRState(FilterState):
             )
         self.refreshed, self.stale = self.now, False
 
-    def _from_model(self, model: Model) -> int:
-        from ..horizon import best_horizon
-
-        return FALLBACK_HORIZON if self.index is None else best_horizon(model)
+    def _model(self) -> Model:
+        return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
 
     @property
     def limits(self) -> Limits:
@@ -74,43 +86,99 @@ class UFIRState(FilterState):
         horizon = self.horizon or FALLBACK_HORIZON
         return Limits(horizon, (self.index or 1) + 2, self.missing != "skip", self.by_arrival)
 
+    # -- engines ----------------------------------------------------------------------------------------------
+
+    def _start(self, F: Array, Q: Array) -> Ring | Records:
+        """The engine in charge, chosen when the first verb needs one, or when the past has become regular."""
+        if self.stale:
+            self.refresh()
+        engine = self.engine
+        if engine is None:
+            engine = self.engine = self._ring(self.now) if self._regular(F, Q) else Records(F, Q, self.now)
+        elif isinstance(engine, Records) and self.now - self.irregular > engine_reach(self.limits):
+            self.irregular = self.now  # look again after another reach, whatever comes of it
+            if self._regular(F, Q):
+                ring = self._ring(self.now)
+                if ring.adopt(engine):
+                    engine = self.engine = ring
+        return engine
+
+    def _regular(self, F: Array, Q: Array) -> bool:
+        return F is self.F.value and Q is self.Q.value and self.index is not None
+
+    def _ring(self, now: int) -> Ring:
+        self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
+        return Ring(plan(self._model(), self.limits.horizon), self.limits, now)
+
+    def _to_records(self) -> Records | None:
+        if isinstance(self.engine, Ring):
+            self.engine = self.engine.records()
+        self.irregular = self.now
+        return self.engine
+
     # -- hooks ------------------------------------------------------------------------------------------------
 
     def _model_changed(self) -> None:
         self.stale = True
 
-    def _start(self, F: Array, Q: Array) -> Records:
-        self.refresh()
-        if self.records is None:
-            self.records = Records(F, Q, self.now)
-        return self.records
-
     def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
-        records = self._start(F, Q)
-        records.advance(F, Q, known)
+        engine = self._start(F, Q)
+        if isinstance(engine, Ring):
+            if F is self.anchor[0] and Q is self.anchor[2]:
+                engine.advance(known)
+                return
+            engine = engine.records()
+            self.engine = engine
+        if not (F is self.F.value and Q is self.Q.value and known is None):
+            self.irregular = self.now
+        engine.advance(F, Q, known)
 
     def _moved(self, delta: Array) -> None:
-        if self.records is not None:
-            self.records.edit(delta, self.updated)
+        if self.engine is not None:
+            self.irregular = self.now
+            self.engine.edit(delta, self.updated)
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
-        records = self._start(self.F.value, self.Q.value)
-        row = Row(self.now - delay, self.now, H, R, z)
-        if self._too_old(row):
+        engine = self._start(self.F.value, self.Q.value)
+        if delay and self._too_old(delay):
             self.dropped += 1
             return None
-        if negligible(row, records.rows):
+        solution = self._add(engine, z, H, R, delay)
+        if solution is False:
             return None
-        records.add(row)
-        records.forget(self.limits)
-        solution = self.solution = records.solve(self.limits)
+        self.solution = solution
         if solution is not None:
             self.ready_at = self.now
             self._publish(solution.x, solution.covariance)
-            return Covariance(_newest_gain, (solution,))
+            return solution.newest_gain
         if delay:
             return Covariance.of(np.zeros((self.dim_x, len(z))))
         return self._kalman(z, H, R, cross)
+
+    def _add(self, engine: Ring | Records, z: Array, H: Array, R: Array, delay: int) -> Solution | None | bool:
+        """The row into the engine: the solution, None where there is none yet, False for a row that says nothing."""
+        if isinstance(engine, Ring):
+            model = engine.plan.model
+            row = Row(
+                self.now - delay,
+                self.now,
+                model.H if H is self.anchor[1] else H,
+                model.R if R is self.anchor[3] else R,
+                z,
+            )
+            if engine.negligible(row):
+                return False
+            if engine.add(row):
+                return engine.solve()
+            engine = self.engine = engine.records()
+        row = Row(self.now - delay, self.now, H, R, z)
+        if negligible(row, engine.rows):
+            return False
+        if delay or not (H is self.H.value and R is self.R.value) or (engine.rows and engine.rows[-1].arrival == self.now):
+            self.irregular = self.now
+        engine.add(row)
+        engine.forget(self.limits)
+        return engine.solve(self.limits)
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""
@@ -121,34 +189,101 @@ class UFIRState(FilterState):
         self._publish(self.x + K @ (z - H @ self.x), Covariance.of(posterior))
         return Covariance.of(K)
 
-    def _too_old(self, row: Row) -> bool:
+    def _too_old(self, delay: int) -> bool:
         limits = self.limits
-        oldest = self.now - (limits.reach if limits.by_arrival else limits.horizon)
-        return row.origin <= oldest
+        return delay >= (limits.reach if limits.by_arrival else limits.horizon)
 
     def _skip(self) -> None:
-        records = self.records
-        if self.missing == "extend" or records is None:
+        engine = self.engine
+        if self.missing == "extend" or engine is None:
             return
-        if self.missing == "predict" and self.ready:
-            z = self.H.value @ self.x
-            records.add(Row(self.now, self.now, self.H.value, self.R.value, z))
-            self.ready_at = self.now
-            return
-        records.forget(self.limits)
-        solution = self.solution = records.solve(self.limits)
-        if solution is not None:
+        if self.missing == "predict":
+            if not self.ready:
+                return
+            solution = self._add(engine, self.H.value @ self.x, self.H.value, self.R.value, 0)
+        else:
+            solution = engine.solve() if isinstance(engine, Ring) else engine.solve(self.limits)
+        self.solution = solution or None
+        if solution:
             self.ready_at = self.now
             self._publish(solution.x, solution.covariance)
+
+    # -- the hot path -----------------------------------------------------------------------------------------
+
+    def warm(self) -> None:
+        """Go over to the hot path if nothing stands against it."""
+        ring = self.engine
+        if (
+            isinstance(ring, Ring)
+            and ring.plain
+            and ring.raw is None
+            and self.ready_at == self.now
+            and (ring.length <= GROWING_GAINS or ring.length == ring.limits.horizon)
+            and not self.watched()
+            and not self.stale
+        ):
+            self.mode, self.seen = POSTED, ring.now
+
+    def hand_out_x(self) -> Array:
+        """The state, editable; edits count from the next verb on."""
+        if self._x_handed is None and self.mode:
+            ring = self.engine
+            x = ring.plain_estimate(self.form)  # type: ignore[union-attr]
+            if self.mode == PREDICTED:
+                x = self.F.value.dot(x)
+            self._x_handed, self._x_raw = x, x.tobytes()
+            return x
+        return super().hand_out_x()
+
+    def look(self) -> UFIRState:
+        """Work out what the hot path left out; every field is then what the slow path would have made it."""
+        if not self.mode:
+            return self
+        ring: Ring = self.engine  # type: ignore[assignment]
+        F, Q = self.F.value, self.Q.value
+        if ring.now != self.seen:
+            earlier, solution = ring.last_two()
+            x, P = F @ earlier.x, earlier.covariance.predicted(F, Q, self.fading)
+            z, mask = ring.free[ring.end - 1].copy(), np.ones(self.dim_z, dtype=bool)
+            self.last = Update(z, self.H.value, self.R.value, mask, x, P, solution.newest_gain)
+            self.prior, self.post = (x, P), (solution.x, solution.covariance)
+            self.solution, self.seen = solution, ring.now
+            self.now = self.ready_at = ring.now
+            self.updated = True
+        self.x, self.P = self.post
+        if self.mode == PREDICTED:
+            self.x, self.P = self.prior = F @ self.x, self.P.predicted(F, Q, self.fading)
+        if self._x_handed is not None:
+            self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
+        return self
+
+    def settle(self) -> None:
+        """Leave the hot path, and honour everything that was edited in place since the last verb."""
+        if self.mode:
+            self.look()
+            if self.mode == PREDICTED:
+                self.engine.advance(None)  # type: ignore[union-attr, call-arg]
+                self.now += 1
+                self.updated = False
+            self.mode = SLOW
+        super().settle()
 
     # -- what the window says ---------------------------------------------------------------------------------
 
     @property
     def ready(self) -> bool:
         """Whether the rows the window reaches determine the state."""
-        if self.solution is None or self.records is None:
+        if self.mode:
+            return True
+        if self.solution is None or self.engine is None:
             return False
-        return self.ready_at == self.now or self.records.select(self.limits) is not None
+        return self.ready_at == self.now or self._as_records().select(self.limits) is not None
+
+    def _as_records(self) -> Records:
+        engine = self.engine
+        if engine is None:
+            return Records(self.F.value, self.Q.value, self.now)
+        return engine.records() if isinstance(engine, Ring) else engine
 
     def lagged(self, lag: int) -> tuple[Array, Covariance]:
         """The state `lag` steps ago from the window."""
@@ -156,7 +291,7 @@ class UFIRState(FilterState):
         lag = integer(lag, "lag", 0, limits.horizon - 1, "the window holds horizon states")
         if lag == 0:
             return self.x, self.P
-        solution = None if self.records is None else self.records.solve(limits, lag)
+        solution = self._as_records().solve(limits, lag)
         if solution is None:
             raise UnobservableWindow(
                 f"the rows of the window must determine the state {lag} steps ago, they do not (yet); "
@@ -166,23 +301,32 @@ class UFIRState(FilterState):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> UFIRState:
         self.settle()
-        return _copied(self)
+        fork = object.__new__(type(self))
+        live = {"F", "H", "Q", "R", "M", "B"}
+        fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
+        fork._x_handed = fork._P_handed = None
+        if self.engine is not None:
+            fork.engine = self.engine.copy()
+            fork.anchor = tuple(
+                getattr(fork, name).value if old is getattr(self, name).value else old
+                for name, old in zip("FHQR", self.anchor, strict=False)
+            )
+        return fork
+
+    def __getstate__(self) -> dict[str, Any]:
+        self.settle()
+        return {**self.__dict__, "_x_handed": None, "_P_handed": None}
 
 
-def _newest_gain(solution: Solution) -> Array:
-    return solution.newest_gain
+def engine_reach(limits: Limits) -> int:
+    """Steps after which nothing irregular is within any window's reach, late rows included."""
+    return 2 * limits.reach + 1
 
 
-def _copied(state: UFIRState) -> UFIRState:
-    import copy
+def _from_model(model: Model, index: int | None) -> int:
+    from ..horizon import best_horizon
 
-    fork = object.__new__(type(state))
-    shared = {"records", "solution", "last", "prior", "post", "P", "x"}
-    fork.__dict__.update({k: v if k in shared else copy.deepcopy(v) for k, v in state.__dict__.items()})
-    fork._x_handed = fork._P_handed = None
-    if state.records is not None:
-        fork.records = state.records.copy()
-    return fork
+    return FALLBACK_HORIZON if index is None else best_horizon(model)
 
 
 def checked_horizon(horizon: Any) -> int | str:
@@ -192,3 +336,6 @@ def checked_horizon(horizon: Any) -> int | str:
             raise HorizonError(f'horizon must be an integer, "auto" or "adaptive", got {horizon!r}')
         return horizon
     return integer(horizon, "horizon", 1, advice='give a count of steps, "auto" or "adaptive"')
+
+
+__all__ = ["MISSING", "POSTED", "PREDICTED", "WINDOWS", "Plan", "UFIRState", "checked_horizon"]

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
 from ..errors import UfirextError
 from ._describe import describe
 from ._surface import FilterSurface
-from ._ufir_state import MISSING, WINDOWS, UFIRState, checked_horizon
+from ._ufir_state import MISSING, POSTED, PREDICTED, WINDOWS, UFIRState, checked_horizon
 
 __all__ = ["UFIRFilter"]
 
@@ -98,6 +99,40 @@ class UFIRFilter(FilterSurface):
         new.inv = kf.inv
         return new
 
+    # -- the two verbs, with their hot path -------------------------------------------------------------------
+
+    @property
+    def x(self) -> Array:
+        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
+        x = self._state._x_handed
+        return self._state.hand_out_x() if x is None else x
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._state.write_x(value)
+
+    def predict(
+        self, u: ArrayLike | None = None, B: ArrayLike | None = None, F: ArrayLike | None = None, Q: ArrayLike | None = None
+    ) -> None:
+        state = self._state
+        if state.mode == POSTED and u is None and F is None and Q is None:
+            x = state._x_handed
+            if x is None or x.tobytes() == state._x_raw:
+                state._x_handed = None
+                state.mode = PREDICTED
+                return
+        super().predict(u, B, F, Q)
+
+    def update(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0) -> None:
+        state = self._state
+        if state.mode == PREDICTED and R is None and H is None and delay == 0:
+            x = state._x_handed
+            if (x is None or x.tobytes() == state._x_raw) and state.engine.store(z):
+                state._x_handed = None
+                state.mode = POSTED
+                return
+        super().update(z, R, H, delay=delay)
+
     # -- beyond filterpy --------------------------------------------------------------------------------------
 
     @property
@@ -121,16 +156,16 @@ class UFIRFilter(FilterSurface):
     @property
     def G(self) -> Array:
         """Generalised noise power gain K K' of the present window, (dim_x, dim_x); NaN while not ready."""
-        solution = self._state.solution
+        solution = self._state.look().solution
         if solution is None:
             return np.full((self.dim_x, self.dim_x), np.nan)
-        return solution.gain @ solution.gain.T
+        return solution.gain.value @ solution.gain.value.T
 
     @property
     def rows(self) -> int:
         """Number of measurements in the window."""
-        solution = self._state.solution
-        return 0 if solution is None else len(solution.stack.rows)
+        solution = self._state.look().solution
+        return 0 if solution is None else solution.rows
 
     @property
     def dropped(self) -> int:

@@ -1,0 +1,148 @@
+"""Everything a constant model and a horizon determine beforehand, computed when first needed and shared."""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from .._arrays import Array, readonly
+from ..gains import exact_covariance, least_squares, observability_index
+from ..model import Model
+from ..window import Window, model_window, whitener
+from .covariance import Covariance
+
+
+# Patterns of holes remembered by a plan, bytes of their keys.
+PATTERN_BYTES = 500_000
+
+
+class Basis:
+    """An orthonormal basis of the full window of `length` steps, for windows with holes and weights.
+
+    With the whitened rows C = U S V' of the window, rows present with weights w_i give
+    x = back Lam^-1 sum_i w_i U_i' W z_i,  Lam = sum_i w_i U_i' U_i: close to the identity, so that normal equations
+    lose nothing where few rows are missing.
+    """
+
+    def __init__(self, model: Model, length: int) -> None:
+        window = model_window(model, length)
+        U, s, Vt = window.spectrum
+        r = window.rank
+        self.length, self.rank = length, r
+        blocks = U[:, :r].reshape(length, model.dim_z, r)
+        self.back = np.ascontiguousarray((window.T / window.scale) @ (Vt[:r].T / s[:r]))
+        # eta = project @ (raw measurements of the window), Lam = grams @ weights
+        self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
+        self.grams = np.ascontiguousarray((blocks.transpose(0, 2, 1) @ blocks).reshape(length, r * r).T)
+        self.blocks = blocks
+        self.sound = window.determined()
+
+
+class Plan:
+    """Gains of a constant model: full windows of every length up to the horizon, and bases for windows with holes."""
+
+    def __init__(self, model: Model, horizon: int) -> None:
+        self.model, self.horizon = model, horizon
+        self.index = observability_index(model)
+        self.whitener = readonly(whitener(model.R))
+        self._gains: dict[int, Array | None] = {}
+        self._covariances: dict[int, Covariance] = {}
+        self._bases: dict[int, Basis] = {}
+        self._patterns: dict[bytes, Pattern] = {}
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (plan, (self.model, self.horizon))
+
+    def gain(self, length: int) -> Array | None:
+        """Gain on the full window of `length` steps, None where it does not determine the state."""
+        if length not in self._gains:
+            window = model_window(self.model, length)
+            self._gains[length] = readonly(least_squares(window)) if window.determined() else None
+        return self._gains[length]
+
+    def covariance(self, length: int) -> Covariance:
+        """Exact error covariance of that gain, shared by all who ask."""
+        if length not in self._covariances:
+            self._covariances[length] = Covariance(_covariance, (self, length))
+        return self._covariances[length]
+
+    def basis(self, length: int) -> Basis:
+        """Basis of the full window of `length` steps."""
+        if length not in self._bases:
+            self._bases[length] = Basis(self.model, length)
+        return self._bases[length]
+
+    def pattern(self, weights: bytes) -> Pattern:
+        """Gain and covariance of a window with holes and weighted rows, remembered: patterns recur as they slide."""
+        found = self._patterns.get(weights)
+        if found is None:
+            if len(self._patterns) * len(weights) >= PATTERN_BYTES:
+                self._patterns.clear()
+            found = self._patterns[weights] = Pattern(self, np.frombuffer(weights))
+        return found
+
+
+class Pattern:
+    """A window of a constant model in which step i of the last len(weights) has a row of weight weights[i], or none."""
+
+    def __init__(self, plan: Plan, weights: Array) -> None:
+        model = plan.model
+        self.weights = weights
+        present = np.flatnonzero(weights)
+        self.ages = len(weights) - 1 - present
+        self.rows = len(present)
+        span = int(self.ages[0]) if self.rows else 0
+        roots = np.sqrt(weights[present])
+        self.window = Window(
+            F=[model.F] * span,
+            Q=[model.Q] * span,
+            H=[model.H] * self.rows,
+            R=[model.R / weight for weight in weights[present]],
+            origins=(span - self.ages).tolist(),
+            aim=span,
+            whiteners=[plan.whitener * root for root in roots],
+        )
+
+    @cached_property
+    def determined(self) -> bool:
+        """Whether the rows determine the newest state."""
+        return self.rows > 0 and self.window.determined()
+
+    @cached_property
+    def gain(self) -> Array:
+        """Gain on the raw rows present, oldest first."""
+        return readonly(least_squares(self.window))
+
+    @cached_property
+    def weighted_gain(self) -> Array:
+        """The gain on weighted measurements w z in all slots, zero where there is no row."""
+        m = self.window.H[0].shape[0] if self.rows else 1
+        full = np.zeros((self.gain.shape[0], len(self.weights), m))
+        present = np.flatnonzero(self.weights)
+        full[:, present] = self.gain.reshape(-1, self.rows, m) / self.weights[present, None]
+        return np.ascontiguousarray(full.reshape(len(full), -1))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Its exact error covariance."""
+        return readonly(exact_covariance(self.window, self.gain))
+
+    def gain_at(self, age: int) -> Array:
+        """Columns of the gain for the row `age` steps old."""
+        place = int(np.flatnonzero(self.ages == age)[0])
+        m = self.window.H[0].shape[0]
+        return self.gain[:, place * m : (place + 1) * m]
+
+
+def _covariance(plan: Plan, length: int) -> Array:
+    gain = plan.gain(length)
+    if gain is None:
+        raise RuntimeError(f"a window of {length} steps has no gain")
+    return readonly(exact_covariance(model_window(plan.model, length), gain))
+
+
+@lru_cache(maxsize=128)
+def plan(model: Model, horizon: int) -> Plan:
+    """The shared plan of a model and a horizon; trackers make many filters of one model."""
+    return Plan(model, horizon)

@@ -1,0 +1,161 @@
+"""State object of the H-infinity filter: the augmented Kalman filter, its P tilted once a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._arrays import Array, symmetric
+from ..channels import Channel
+from ..errors import UfirextError
+from ..recursions.augmented import Lifted
+from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, tilt, weight_root
+from ..recursions.kalman import Posterior, update
+from ._late import LiftedState
+from ._live import Live
+from ._state import _Covariance
+
+Theta = float | str | Sequence[float] | Callable[[int], float]
+
+
+@dataclass(frozen=True)
+class Account:
+    """What the steps so far used: their number, extremes of theta, smallest limit, how many clipped."""
+
+    steps: int = 0
+    lowest: float = np.inf
+    highest: float = 0.0
+    limit: float = np.inf
+    clipped: int = 0
+
+    def __add__(self, other: Account) -> Account:
+        return Account(
+            self.steps + other.steps,
+            min(self.lowest, other.lowest),
+            max(self.highest, other.highest),
+            min(self.limit, other.limit),
+            self.clipped + other.clipped,
+        )
+
+
+class RobustState(LiftedState):
+    """The augmented filter whose P is tilted by theta S once a step, where the form says."""
+
+    def __init__(
+        self, dim_x: int, dim_z: int, channel: Channel, theta: Theta, form: Form, clips: bool, fraction: float
+    ) -> None:
+        super().__init__(dim_x, dim_z, channel)
+        self.weight = Live(np.eye(dim_x), _Covariance(dim_x, "weight"))
+        self.theta = theta
+        self.robust_form: Form = form
+        self.clips, self.fraction = clips, fraction
+        self.past_account = Account()
+        self.account: Account | None = None  # of the present step, once its theta was used
+        self.tilted = False
+
+    def settle(self) -> None:
+        """Honour edits in place, those of the weight too."""
+        if self.weight.watched:
+            self.weight.changed()
+        super().settle()
+
+    def root(self) -> Array:
+        """L with L'L = S on the newest block of the augmented state."""
+        root = weight_root(self.weight.value)
+        tall = np.zeros((len(root), len(self.tall.x)))
+        tall[:, : self.dim_x] = root
+        return tall
+
+    def limit(self) -> float:
+        """The theta below which the bound of the present step holds."""
+        return largest_theta(self._settled().P, self.root())
+
+    def judged(self, P: Array, step: int) -> Account:
+        """The theta of a step whose tilted covariance is P, or a refusal."""
+        limit = largest_theta(P, self.root())
+        wanted = self._asked(step, limit)
+        clipped = not wanted < limit
+        if clipped:
+            if not self.clips:
+                raise ThetaTooLarge(wanted, limit, step)
+            wanted = self.fraction * limit
+        return Account(1, wanted, wanted, limit, int(clipped))
+
+    def _asked(self, step: int, limit: float) -> float:
+        if self.theta == "auto":
+            # Nothing to bound where no disturbance reaches the weighted error.
+            return self.fraction * limit if np.isfinite(limit) else 0.0
+        if callable(self.theta):
+            return checked_theta(self.theta(step), f"theta({step})")
+        if isinstance(self.theta, Sequence) and not isinstance(self.theta, str):
+            return checked_theta(self.theta[min(max(step - 1, 0), len(self.theta) - 1)], "theta")
+        return float(self.theta)
+
+    # -- the steps ------------------------------------------------------------------------
+
+    def predict(self, F: Array, Q: Array, known: Array | None) -> None:
+        """Time update; a refusal leaves the filter as it was."""
+        before = (self.tall, self.account, self.past_account, self.tilted)
+        try:
+            super().predict(F, Q, known)
+        except ThetaTooLarge:
+            self.tall, self.account, self.past_account, self.tilted = before
+            raise
+
+    def _ahead(self, F: Array, Q: Array, known: Array | None) -> tuple[Array, Array]:
+        x, P = super()._ahead(F, Q, known)
+        self.tilted = False
+        if self.account is not None:
+            self.past_account, self.account = self.past_account + self.account, None
+        if self.robust_form == "prior":
+            self.account = self.judged(self.tall.P, self.now + 1)
+        return x, P
+
+    def _closed(self, state: Lifted) -> Lifted:
+        """The state from which the next prediction starts: P tilted, unless that was done."""
+        if self.tilted or (self.now == 0 and not self.updated):
+            return state
+        self.account = self.judged(state.P, self.now)
+        return state._replace(P=tilt(state.P, self.root(), self.account.lowest))
+
+    def _updated(self, state: Lifted, z: Array, H: Array, R: Array, cross: Array | None) -> Posterior:
+        if self.robust_form == "prior":
+            return update(state.x, self._tilted_once(state.P), z, H, R, cross)
+        posterior = update(state.x, state.P, z, H, R, cross)
+        if self.robust_form == "posterior":
+            self.account = self.judged(posterior.P, self.now)
+            return posterior
+        if self.tilted:
+            return posterior
+        P = self._tilted_once(posterior.P)
+        K = np.linalg.solve(R, H @ P).T
+        return posterior._replace(x=state.x + K @ posterior.y, P=symmetric(P), K=K)
+
+    def _nothing(self) -> None:
+        if self.robust_form == "posterior" and not self.updated:
+            self.account = self.judged(self._settled().P, self.now)
+
+    def _tilted_once(self, P: Array) -> Array:
+        if self.tilted:
+            return P
+        self.account = self.judged(P, self.now)
+        self.tilted = True
+        return tilt(P, self.root(), self.account.lowest)
+
+    @property
+    def total(self) -> Account:
+        """All steps, the present one included once its theta was used."""
+        return self.past_account if self.account is None else self.past_account + self.account
+
+
+def checked_theta(value: object, name: str = "theta") -> float:
+    """A finite number that is not negative."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError) as error:
+        raise UfirextError(f"{name} must be a number, got {value!r}") from error
+    if not (np.isfinite(number) and number >= 0.0):
+        raise UfirextError(f"{name} must be a finite number, not negative, got {value!r}")
+    return number

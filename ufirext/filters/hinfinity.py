@@ -1,0 +1,255 @@
+"""DelayHInfinityFilter: the H-infinity filter behind filterpy's verbs, with a guarantee that is checked."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array, integer
+from ..channels import Channel
+from ..channels.effective import at_block
+from ..diagnostics import Guarantee, WorstCase, worst_case_gain
+from ..errors import UfirextError
+from ..model import Model
+from ..recursions.augmented import augmented_model
+from ..recursions.hinfinity import Form, robust_gain
+from ._describe import describe
+from ._robust import RobustState, Theta, checked_theta
+from .kalman import LateFilter, checked_channel
+
+__all__ = ["DelayHInfinityFilter"]
+
+FORMS = ("posterior", "prior", "mixed")
+ON_VIOLATION = ("raise", "clip")
+
+
+class DelayHInfinityFilter(LateFilter):
+    """H-infinity filter: the weighted energy of its errors is bounded for every disturbance, random or not.
+
+    ``sum theta_n |e_n|^2_S <= |x_0 - x^_0|^2_{P0^-1} + sum |w_n|^2_{Q^-1} + sum |v_n|^2_{R^-1}``, also with
+    measurements that come late, out of order, in part or not at all. The surface is that of
+    ``filterpy.kalman.KalmanFilter``; `from_filterpy` takes over a ``filterpy.hinfinity.HInfinityFilter``, whose
+    author asks not to use it.
+
+    Parameters
+    ----------
+    dim_x, dim_z : int
+        Numbers of states and of measured components.
+    dim_u : int, optional
+        Number of inputs, 0 for any.
+    theta : "auto", float, sequence or callable
+        How much is guaranteed: 0 is the Kalman filter, more bounds the errors more tightly, and from `theta_max`
+        on there is no such filter. "auto" keeps `fraction` of theta_max at each step. A sequence holds the
+        theta of steps 1, 2, .. (the last one goes on), a callable returns that of its step.
+    form : {"posterior", "prior"}
+        Which error is bounded: x_n - x^_n after the update, or x_n - F x^_{n-1} before it, which asks more.
+        "mixed" is the pairing in Uribe-Murcia et al. (2018), for reproduction only: it bounds neither.
+    S : array_like, (dim_x, dim_x), or scalar, optional
+        Weight of the errors, positive semidefinite. Default identity. Attribute `weight` (filterpy's S is the
+        innovation covariance).
+    on_violation : {"raise", "clip"}
+        Where theta is not below theta_max: `ThetaTooLarge`, which leaves the filter as it was, or this step's
+        theta is fraction * theta_max.
+    fraction : float, optional
+        Share of theta_max that "auto" and "clip" use, between 0 and 1.
+    max_delay : int, optional
+        The oldest measurement that is taken, in steps; short for ``channel=TimeStamped(max_delay)``. The
+        filter then works on [x_n; x_{n-1}; ..], where the bound holds for the true noises.
+    channel : Channel, optional
+        What the network does to measurements.
+
+    Attributes
+    ----------
+    x, P, F, H, Q, R, B, K, y, S, SI, z, x_prior, P_prior, x_post, P_post
+        As in filterpy. Q, R and the initial P are the weights of the disturbances; P is a matrix of the
+        criterion, and the covariance of Gaussian errors only for theta = 0.
+
+    Raises
+    ------
+    ThetaTooLarge
+        From `update` and `predict`, with the step and theta_max. Each update of a step is judged:
+        measurements that are too little one by one can be given in one call, with stacked H and R.
+    UfirextError
+        For bad options.
+
+    Notes
+    -----
+    Simon, Optimal State Estimation (2006), chapter 11, in a form that inverts neither P nor Q.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ufirext import DelayHInfinityFilter
+    >>> f = DelayHInfinityFilter(dim_x=2, dim_z=1, theta=0.01)
+    >>> f.F, f.H = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    >>> f.Q = 0.1 * np.eye(2)
+    >>> for n in range(50):
+    ...     f.predict()
+    ...     f.update(3.0 * n)
+    >>> f.x.round(1).ravel()
+    array([147.,   3.])
+    >>> f.guarantee.holds
+    True
+    """
+
+    _state: RobustState
+
+    def __init__(
+        self,
+        dim_x: int,
+        dim_z: int,
+        dim_u: int = 0,
+        *,
+        theta: Theta = "auto",
+        form: str = "posterior",
+        S: ArrayLike | None = None,
+        on_violation: str = "raise",
+        fraction: float = 0.5,
+        max_delay: int = 0,
+        channel: Channel | None = None,
+    ) -> None:
+        dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
+        dim_u = integer(dim_u, "dim_u", 0)
+        for name, value, allowed in (("form", form, FORMS), ("on_violation", on_violation, ON_VIOLATION)):
+            if value not in allowed:
+                raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+        if not 0.0 < checked_theta(fraction, "fraction") < 1.0:
+            raise UfirextError(f"fraction must lie between 0 and 1, got {fraction!r}")
+        known: Form = "posterior" if form == "posterior" else "prior" if form == "prior" else "mixed"
+        state = RobustState(
+            dim_x,
+            dim_z,
+            checked_channel(channel, max_delay),
+            _checked_policy(theta),
+            known,
+            on_violation == "clip",
+            float(fraction),
+        )
+        super().__init__(dim_x, dim_z, dim_u, state)
+        if S is not None:
+            self.weight = S
+
+    @classmethod
+    def from_filterpy(cls, hinf: Any, **options: Any) -> DelayHInfinityFilter:
+        """The filter that a filterpy HInfinityFilter stands for: its W is Q, its V is R, its Q the weight S.
+
+        Parameters
+        ----------
+        hinf : filterpy.hinfinity.HInfinityFilter
+            Configured; its gamma is theta.
+        **options
+            Keywords of DelayHInfinityFilter; theta takes the place of gamma.
+        """
+        options = {"theta": hinf.gamma, "S": hinf.Q, **options}
+        new = cls(hinf.dim_x, hinf.dim_z, hinf.dim_u or 0, **options)
+        new.F, new.H, new.P, new.x = hinf.F, hinf.H, hinf.P, hinf.x
+        new.Q, new.R = hinf.W, hinf.V
+        if np.ndim(hinf.B) == 2:
+            new.B = hinf.B
+        return new
+
+    # -- the guarantee --------------------------------------------------------------------
+
+    @property
+    def theta(self) -> Theta:
+        """What was asked: a number, "auto", a sequence or a callable; assign another one at any time."""
+        return self._state.theta
+
+    @theta.setter
+    def theta(self, value: Theta) -> None:
+        self._state.theta = _checked_policy(value)
+
+    @property
+    def theta_max(self) -> float:
+        """The limit of the present step, as it stands: below it the bound exists."""
+        state = self._state
+        state.settle()
+        return state.limit() if state.account is None else state.account.limit
+
+    @property
+    def form(self) -> str:
+        """Which error is bounded."""
+        return self._state.robust_form
+
+    @property
+    def weight(self) -> Array:
+        """S, the weight of the errors, (dim_x, dim_x)."""
+        return self._state.weight.hand_out()
+
+    @weight.setter
+    def weight(self, value: ArrayLike) -> None:
+        self._state.settle()
+        self._state.weight.assign(value)
+
+    @property
+    def guarantee(self) -> Guarantee:
+        """Which error is bounded, by what, for which disturbances, over the steps so far."""
+        total, channel = self._state.total, self.channel
+        return Guarantee(
+            self._state.robust_form,
+            total.steps,
+            (min(total.lowest, total.highest), total.highest),
+            total.limit,
+            total.clipped,
+            channel.max_delay,
+            not channel.stamped,
+        )
+
+    def worst_case_gain(self, steps: int, delay: int = 0) -> WorstCase:
+        """What the worst disturbance of the coming steps does to the errors, by singular values.
+
+        Parameters
+        ----------
+        steps : int
+            At least 1; every measurement of these steps comes, `delay` steps late.
+        delay : int, optional
+            0..max_delay.
+
+        Returns
+        -------
+        WorstCase
+            ``.gain`` is sup sum theta |e|^2_S / (energy of the disturbances), at most 1 where there is a
+            guarantee; ``.x0``, ``.w``, ``.v`` attain it, with delays on [x_n; x_{n-1}; ..].
+
+        Raises
+        ------
+        ThetaTooLarge
+        """
+        steps = integer(steps, "steps", 1)
+        state = copy.deepcopy(self._state)
+        state.settle()
+        delay = self.channel.check_delay(delay)
+        start = state._closed(state._settled()).P
+        model = Model(state.F.value, state.H.value, state.Q.value, state.R.value)
+        big, L = augmented_model(model, self.max_delay), state.root()
+        H, P = at_block(model.H, delay, big.dim_x), start
+        gains, thetas = [], []
+        for step in range(state.now + 1, state.now + steps + 1):
+            P = big.F @ P @ big.F.T + big.Q
+            judged = P if state.robust_form == "prior" else robust_gain(P, H, model.R, L, 0.0).P
+            thetas.append(state.judged(judged, step).lowest)
+            K, P, *_ = robust_gain(P, H, model.R, L, thetas[-1], state.robust_form)
+            gains.append(K)
+        error: Form = "prior" if state.robust_form == "prior" else "posterior"
+        return worst_case_gain(gains, big.F, H, big.Q, model.R, start, S=L.T @ L, theta=thetas, form=error)
+
+    def __repr__(self) -> str:
+        return describe(self, extra=("form", "theta", "theta_max", "max_delay", "guarantee"))
+
+
+def _checked_policy(theta: Theta) -> Theta:
+    """A theta as asked for, its numbers checked."""
+    if callable(theta) or theta == "auto":
+        return theta
+    if isinstance(theta, Sequence | np.ndarray) and not isinstance(theta, str):
+        values = [checked_theta(value, f"theta[{i}]") for i, value in enumerate(theta)]
+        if not values:
+            raise UfirextError("theta must hold at least one number, got none")
+        return values
+    if isinstance(theta, str):
+        raise UfirextError(f"theta must be 'auto', a number, a sequence or a callable, got {theta!r}")
+    return checked_theta(theta)
