@@ -10,43 +10,102 @@ __version__ = "0.1.0"
 # Public names and the modules that define them: loaded on first use (PEP 562), so that
 # `import ufirext` costs no more than NumPy.
 _HOME = {
+    "BernoulliDelay": "channels",
+    "Certificate": "certificates",
+    "Channel": "channels",
+    "CompensatedBernoulli": "channels",
     "CovarianceError": "errors",
+    "DelayHInfinityFilter": "filters.hinfinity",
+    "DelayKalmanFilter": "filters.kalman",
+    "FMSGain": "fms",
     "Gain": "gains",
+    "Guarantee": "diagnostics",
     "HorizonError": "errors",
+    "InaccurateGainWarning": "joint",
+    "MinimumVarianceGain": "minimum_variance",
     "Model": "model",
     "NonFiniteError": "errors",
+    "OFIRGain": "optimal_fir",
     "ShapeError": "errors",
+    "StampedLoss": "channels",
+    "ThetaTooLarge": "recursions",
+    "TimeStamped": "channels",
     "UFIRFilter": "filters.ufir",
     "UfirextError": "errors",
+    "UnconfirmedWarning": "certificates",
     "UnobservableWindow": "errors",
+    "augmented_model": "recursions",
     "best_horizon": "horizon",
+    "certify": "certificates",
     "discretise": "model",
+    "fms_gain": "fms",
     "kinematic": "model",
+    "minimum_variance_gain": "minimum_variance",
+    "ofir": "optimal_fir",
     "ufir_gain": "gains",
+    "worst_case_gain": "diagnostics",
 }
 
 __all__ = [
+    "BernoulliDelay",
+    "Certificate",
+    "Channel",
+    "CompensatedBernoulli",
     "CovarianceError",
+    "DelayHInfinityFilter",
+    "DelayKalmanFilter",
+    "FMSGain",
     "Gain",
+    "Guarantee",
     "HorizonError",
+    "InaccurateGainWarning",
+    "MinimumVarianceGain",
     "Model",
     "NonFiniteError",
+    "OFIRGain",
     "ShapeError",
+    "StampedLoss",
+    "ThetaTooLarge",
+    "TimeStamped",
     "UFIRFilter",
     "UfirextError",
+    "UnconfirmedWarning",
     "UnobservableWindow",
+    "augmented_model",
     "best_horizon",
+    "certify",
     "discretise",
+    "fms_gain",
     "kinematic",
+    "minimum_variance_gain",
+    "ofir",
     "ufir_gain",
+    "worst_case_gain",
 ]
 
 if TYPE_CHECKING:
-    from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError, UfirextError, UnobservableWindow
+    from .certificates import Certificate, UnconfirmedWarning, certify
+    from .channels import BernoulliDelay, Channel, CompensatedBernoulli, StampedLoss, TimeStamped
+    from .diagnostics import Guarantee, worst_case_gain
+    from .errors import (
+        CovarianceError,
+        HorizonError,
+        NonFiniteError,
+        ShapeError,
+        UfirextError,
+        UnobservableWindow,
+    )
+    from .filters.hinfinity import DelayHInfinityFilter
+    from .filters.kalman import DelayKalmanFilter
     from .filters.ufir import UFIRFilter
+    from .fms import FMSGain, fms_gain
     from .gains import Gain, ufir_gain
     from .horizon import best_horizon
+    from .joint import InaccurateGainWarning
+    from .minimum_variance import MinimumVarianceGain, minimum_variance_gain
     from .model import Model, discretise, kinematic
+    from .optimal_fir import OFIRGain, ofir
+    from .recursions import ThetaTooLarge, augmented_model
 
 
 def __getattr__(name: str) -> Any:
