@@ -1,4 +1,4 @@
-"""The classes that filterpy code is run with; filterpy's own comes first: what is asserted holds there too."""
+"""The classes that filterpy code is run with; filterpy's own is one: what is asserted holds there too."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ WRITES = [
 
 @pytest.mark.contract(28)
 @pytest.mark.parametrize("write", WRITES)
-@pytest.mark.parametrize("edits", [(1,), (3,), (30,), (30, 31, 50)], ids=str)
+@pytest.mark.parametrize("edits", [(1,), (30, 31, 50)], ids=str)
 def test_an_edit_of_x_moves_the_state_by_what_was_written(make, column, write, edits):
     """The target jumps and the user says so: without noise the estimate is exact before and after."""
     f = plane(make, column, x0=(1, 2, 3, -1))
@@ -196,7 +196,7 @@ def test_F_may_be_written_through_whoever_else_holds_it(make, column, hold):
 
 @pytest.mark.contract("29-30")
 @pytest.mark.parametrize("name", ["F", "H", "Q", "R"])
-@pytest.mark.parametrize("at", [0, 1, 30])
+@pytest.mark.parametrize("at", [1, 30])
 def test_editing_a_matrix_in_place_is_assigning_it(make, column, rng, name, at):
     f, twin = plane(make, column), plane(make, column)
     held = getattr(f, name)

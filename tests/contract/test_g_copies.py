@@ -12,14 +12,9 @@ from filterpy.common import copy_states
 from .models import assert_same, constant_velocity, plane, run, walk
 
 COPIES = pytest.mark.parametrize(
-    "clone",
-    [
-        copy.deepcopy,
-        *(lambda f, p=p: pickle.loads(pickle.dumps(f, protocol=p)) for p in (2, pickle.HIGHEST_PROTOCOL)),
-    ],
-    ids=["deepcopy", "pickle 2", "pickle"],
+    "clone", [copy.deepcopy, lambda f: pickle.loads(pickle.dumps(f))], ids=["deepcopy", "pickle"]
 )
-STEPS = pytest.mark.parametrize("steps", [0, 1, 3, 7, 60])
+STEPS = pytest.mark.parametrize("steps", [0, 1, 7, 50])
 
 
 def messy(rng, steps):
