@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._arrays import Array
+from ..errors import HorizonError
 from ..model import Model, kinematic
 from .series import Integers, Mask, Progress, Track, silent
 from .stretch import filter_grid, filter_rows
@@ -122,14 +123,16 @@ def run(
 
     Without `spread` standard deviations and NIS may be left NaN, which is faster.
     """
+    if motion.lag >= motion.horizon:
+        raise HorizonError(f"lag must be below the horizon, {motion.horizon} steps, got {motion.lag}")
     stretches = pieces(axis, motion.horizon)
     out = _blank(len(track), AXES * (motion.order + 1), [each.start for each in stretches])
-    whole = axis.regular and track.age is None and motion.lag == 0
+    on_grid = axis.regular and track.age is None
     dropped = 0
     for each in stretches:
         # large coordinates (UTM) would cost digits: the filter works relative to the stretch's first row
         origin = track.position[each.start]
-        if whole:
+        if on_grid:
             filter_grid(track, axis, motion, each, origin, out, progress)
         else:
             dropped += filter_rows(track, axis, motion, each, origin, out, progress, spread)

@@ -10,30 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._arrays import Array
+from .grid import new_filter, on_grid, reach
 from .series import Integers, Progress, Track
 from .timing import Timing, age_in_steps
 
 if TYPE_CHECKING:
     from .run import Estimates, Motion
 
-__all__ = ["filter_grid", "filter_rows", "new_filter"]
+__all__ = ["filter_grid", "filter_rows"]
 
-_CHUNK = 8192  # grid points filtered at once: bounds memory, and lets progress show
+_CHUNK = 16_384  # grid points filtered at once: bounds memory, and lets progress show
 _REMEMBERED = 512  # steps whose estimate is kept to judge late rows by
 _NEAR = 1e-6  # of a step; measurements this close to a step are of it
-_VAGUE = 1e4  # standard deviations of a measurement: what is known before the first row
-
-
-def new_filter(motion: Motion) -> Any:
-    """A filter that knows nothing yet: at rest at the origin, give or take a vague prior."""
-    from ..filters.ufir import UFIRFilter
-
-    model = motion.model()
-    kf = UFIRFilter(model.dim_x, model.dim_z, horizon="adaptive" if motion.adaptive else motion.horizon)
-    kf.F, kf.H, kf.Q, kf.R = (np.array(each) for each in (model.F, model.H, model.Q, model.R))
-    kf.x = np.zeros(model.dim_x)
-    kf.P = motion.r * _VAGUE**2 * np.eye(model.dim_x)
-    return kf
 
 
 def filter_grid(
@@ -45,30 +33,39 @@ def filter_grid(
     out: Estimates,
     progress: Progress,
 ) -> None:
-    """Rows on a grid, one measurement a step at most, by the filter's batch path; empty points are NaN."""
-    kf = new_filter(motion)
-    R = kf.R.copy()
-    H = kf.H.copy()
+    """Rows on a grid, one measurement a step at most, some points of it empty."""
+    model = motion.model()
     point = np.cumsum(axis.steps[rows]).astype(int)
     point -= point[0]
     measured = track.position[rows] - origin
-    for first in range(0, point[-1] + 1, _CHUNK):
-        here = slice(*np.searchsorted(point, [first, first + _CHUNK]))
-        length = min(_CHUNK, int(point[-1]) + 1 - first)
-        zs = np.full((length, H.shape[0]), np.nan)
-        place = point[here] - first
-        zs[place] = measured[here]
-        means, covs, means_prior, covs_prior = (each[place] for each in kf.batch_filter(zs))
+    end = int(point[-1]) + 1
+    size = max(_CHUNK, 4 * reach(motion))
+    for first in range(0, end, size):
+        begin, stop = max(0, first - reach(motion)), min(end, first + size)
+        known = slice(*np.searchsorted(point, [begin, min(end, stop + motion.lag)]))
+        zs = np.full((min(end, stop + motion.lag) - begin, model.dim_z), np.nan)
+        zs[point[known] - begin] = measured[known]
+        here = slice(*np.searchsorted(point, [first, stop]))
         target = slice(rows.start + here.start, rows.start + here.stop)
-        out.mean[target] = means.reshape(len(place), -1)
-        out.std[target] = np.sqrt(np.maximum(np.diagonal(covs, axis1=1, axis2=2), 0.0))
-        y = measured[here] - means_prior.reshape(len(place), -1) @ H.T
-        S = H @ covs_prior @ H.T + R
-        out.innovation[target] = y
-        out.innovation_std[target] = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
-        out.nis[target] = np.einsum("ni,ni->n", y, np.linalg.solve(S, y[:, :, None])[:, :, 0])
+        _fill(out, target, zs, point[here] - begin, motion)
         progress("filtering", target.stop, len(track))
     _flag(out, rows, np.arange(len(point)), point.astype(float), motion)
+
+
+def _fill(out: Estimates, target: slice, zs: Array, place: Integers, motion: Motion) -> None:
+    """The estimates at some places of a piece of a grid, with the innovations there."""
+    model = motion.model()
+    means, covs = on_grid(zs, motion)
+    before = np.maximum(place - 1, 0)  # the first row of all has nothing before it; it is blanked
+    y = zs[place] - means[before] @ (model.H @ model.F).T
+    S = model.H @ (model.F @ covs[before] @ model.F.T + model.Q) @ model.H.T + model.R
+    out.innovation[target] = y
+    out.innovation_std[target] = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
+    out.nis[target] = np.einsum("ni,ni->n", y, np.linalg.solve(S, y[:, :, None])[:, :, 0])
+    if motion.lag:
+        means, covs = on_grid(zs, motion, motion.lag)
+    out.mean[target] = means[place]
+    out.std[target] = np.sqrt(np.maximum(np.diagonal(covs[place], axis1=1, axis2=2), 0.0))
 
 
 def _flag(out: Estimates, rows: slice, index: Integers, point: Array, motion: Motion) -> None:
