@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "ufirext"
 
 # What talks to files, terminals and pictures. Nothing else may depend on it.
-EDGES = {"cli", "demo", "track"}
+EDGES = {"certify_cli", "cli", "demo", "track"}
 # What the core may import beyond NumPy and SciPy, and where.
 FOREIGN = {"programs": {"cvxpy"}}
 
