@@ -20,7 +20,7 @@ from .run import Estimates, run
 from .series import Progress, Track, UnusableTrack, silent
 from .summary import facts, summarise
 from .timing import Timing, timing
-from .writing import default_output, write_left_out, write_track
+from .writing import default_output, require_format, write_left_out, write_track
 
 __all__ = ["track"]
 
@@ -118,6 +118,7 @@ def track(
     try:
         with _bars(file) as progress:
             recorded = read_track(file, told, progress, delay_unit=delay_unit)
+            require_format(target, recorded)
             axis = timing(recorded)
             choice = choose(
                 recorded,

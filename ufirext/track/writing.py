@@ -12,7 +12,7 @@ from .gpxfile import write_gpx
 from .run import Estimates
 from .series import LeftOut, Progress, Track, UnusableTrack, silent
 
-__all__ = ["default_output", "write_left_out", "write_track"]
+__all__ = ["default_output", "require_format", "write_left_out", "write_track"]
 
 _CHUNK = 50_000
 
@@ -22,16 +22,21 @@ def default_output(source: Path) -> Path:
     return source.with_name(f"{source.stem}_filtered{'.gpx' if source.suffix.lower() == '.gpx' else '.csv'}")
 
 
+def require_format(path: Path, track: Track) -> None:
+    """Raise UnusableTrack when a file of this suffix cannot hold what the track has."""
+    if path.suffix.lower() == ".gpx" and track.frame is None:
+        raise UnusableTrack(f"{path}: GPX needs latitude and longitude, {track.path} has metres only")
+
+
 def write_track(path: Path, track: Track, estimates: Estimates, progress: Progress = silent) -> None:
     """Write a row for every row of the track: time, position, velocity and their standard deviations.
 
     The format is that of the suffix, .csv or .gpx. GPX needs a track that has latitude and longitude.
     """
+    require_format(path, track)
     latlon = track.latlon(estimates.position)
     try:
-        if path.suffix.lower() == ".gpx":
-            if latlon is None:
-                raise UnusableTrack(f"{path}: GPX needs latitude and longitude, {track.path} has metres only")
+        if path.suffix.lower() == ".gpx" and latlon is not None:
             extras = {**_states(track, estimates), "ready": estimates.ready.astype(float)}
             write_gpx(path, track.seconds, latlon, extras, estimates.starts)
         else:
