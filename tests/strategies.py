@@ -87,7 +87,7 @@ def models(draw, kinds=KINDS, max_x: int = 5, max_z: int = 3, quiet: bool = Fals
 
 @st.composite
 def unobservable_models(draw, max_x: int = 5) -> Model:
-    """A model with a mode that no row sees and that never dies."""
+    """A model with a mode that no row sees; it may decay, but it never dies."""
     n = draw(st.integers(2, max_x))
     rng = np.random.default_rng(draw(seeds))
     F = np.zeros((n, n))

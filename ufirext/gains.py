@@ -10,7 +10,7 @@ import numpy as np
 
 from ._arrays import Array, integer, readonly, symmetric
 from ._constant import PATH_ROUNDING, constant_covariance, constant_gain
-from .errors import UnobservableWindow
+from .errors import HorizonError, UnobservableWindow
 from .growing import grown_covariance, grown_gain, noise_paths, unwhitened
 from .model import Model
 from .window import Window, model_window
@@ -106,10 +106,8 @@ def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
     array([[-0.1667,  0.3333,  0.8333],
            [-0.5   ,  0.    ,  0.5   ]])
     """
-    horizon = integer(horizon, "horizon", 1)
-    lag = integer(
-        lag, "lag", 0, horizon - 1, "the window ends at the newest measurement and holds horizon states"
-    )
+    horizon = horizon_count(horizon, model)
+    lag = integer(lag, "lag", 0, horizon - 1, "the window holds `horizon` states and ends at the newest")
     K = constant_gain(model, horizon, lag)
     if K is None:
         window = model_window(model, horizon, lag)
@@ -118,16 +116,30 @@ def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
     return _ModelGain(model, readonly(K), horizon, lag)
 
 
+def horizon_count(horizon: object, model: Model) -> int:
+    """`horizon` as an int of at least 1; the error says the shortest one that works for the model."""
+    try:
+        return integer(horizon, "horizon", 1)
+    except HorizonError as error:
+        shortest = observability_index(model)
+        if shortest is None:
+            raise
+        raise HorizonError(f"{error}; the shortest horizon that works is {shortest}") from None
+
+
 def require_determined(window: Window, model: Model, horizon: int) -> None:
     """Raise UnobservableWindow, with the shortest horizon that works, unless the rows determine the state."""
-    if window.determined():
-        return
     shortest = observability_index(model)
-    advice = (
-        f"the shortest horizon that works is {shortest}: lengthen the horizon or measure another state"
-        if shortest is not None
-        else "no horizon determines it: measure another state"
-    )
+    if shortest is not None and horizon >= shortest and window.determined():
+        return
+    if shortest is None:
+        advice = "no horizon determines it: measure another state"
+    elif horizon < shortest:
+        advice = (
+            f"the shortest horizon that works is {shortest}: lengthen the horizon or measure another state"
+        )
+    else:
+        advice = "they determine the newest state but not the one aimed at: choose a smaller lag"
     raise UnobservableWindow(
         f"a window of {horizon} step{'s' if horizon != 1 else ''} must determine all {model.dim_x} states, "
         f"its rows have rank {window.rank}; {advice}",
@@ -142,18 +154,19 @@ def observability_index(model: Model) -> int | None:
 
     The index nu is the first N with F^{N-1} null(C_N) = 0; for invertible F that is full column rank.
     """
-
-    def determined(horizon: int) -> bool:
-        return model_window(model, horizon).determined()
-
     certain = model.dim_x + 1
     for horizon in range(1, certain + 1):
-        if determined(horizon):
+        if model_window(model, horizon).determined():
             return horizon
-    # By Cayley-Hamilton no longer window sees more; a nearly unobservable mode may pass the rank test later.
-    if not determined(SEARCH_LIMIT):
+    # By Cayley-Hamilton no longer window sees more: an unseen mode that decays, or is outgrown, stays unknown.
+    # A nearly unobservable one may pass the rank test later.
+    if not _full_rank(model, SEARCH_LIMIT):
         return None
-    return bisect_left(range(certain + 1, SEARCH_LIMIT), True, key=determined) + certain + 1
+    return bisect_left(range(SEARCH_LIMIT), True, lo=certain, key=lambda horizon: _full_rank(model, horizon))
+
+
+def _full_rank(model: Model, horizon: int) -> bool:
+    return model_window(model, horizon).rank == model.dim_x
 
 
 def least_squares(window: Window) -> Array:

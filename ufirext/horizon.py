@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ._arrays import Array, integer
 from .errors import UnobservableWindow
-from .gains import observability_index, ufir_gain
+from .gains import horizon_count, observability_index, ufir_gain
 from .growing import GOOD_CONDITION, SEARCH_PER_STATE
 from .model import Model
 from .window import model_window, whitener
@@ -60,7 +60,7 @@ def check_horizon(horizon: object, model: Model) -> int:
         If it is too short, or if no horizon determines the state.
     """
     nu = shortest_horizon(model)
-    number = integer(horizon, "horizon", 1, advice=f"the shortest horizon that works is {nu}")
+    number = horizon_count(horizon, model)
     if number < nu:
         raise UnobservableWindow(
             f"horizon must be at least {nu} to determine all {model.dim_x} states, got {number}: "
