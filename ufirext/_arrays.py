@@ -19,6 +19,8 @@ PSD_SLACK = 1e-9
 
 def real(value: ArrayLike, name: str) -> Array:
     """A fresh float64 array; complex, text and ragged input are refused."""
+    if value.__class__ is np.ndarray and value.dtype == float:  # type: ignore[union-attr]
+        return value.copy()  # type: ignore[union-attr]
     try:
         raw = np.asarray(value)
         if np.iscomplexobj(raw):
@@ -30,7 +32,8 @@ def real(value: ArrayLike, name: str) -> Array:
 
 def finite(array: Array, name: str) -> Array:
     """`array` itself, after checking that it holds neither NaN nor infinity."""
-    if not np.isfinite(array).all():
+    total = array.sum()
+    if total - total != 0.0 and not np.isfinite(array).all():
         bad = [tuple(int(i) for i in where) for where in np.argwhere(~np.isfinite(array))[:3]]
         raise NonFiniteError(f"{name} must be finite, got NaN or inf at {', '.join(map(str, bad))}")
     return array
@@ -64,6 +67,12 @@ def covariance(value: ArrayLike, size: int, name: str, meaning: str = "") -> Arr
 
 def check_covariance(array: Array, name: str) -> None:
     """Raise CovarianceError unless the finite square `array` is symmetric and positive semidefinite."""
+    if array.shape == (1, 1):
+        if array[0, 0] < 0.0:
+            raise CovarianceError(f"{name} must be positive semidefinite, got the variance {array[0, 0]:.3g}")
+        return
+    if (array == array.T).all() and _positive_definite(array):
+        return
     scale = float(np.abs(array).max(initial=0.0))
     if scale == 0.0:
         return
@@ -78,9 +87,19 @@ def check_covariance(array: Array, name: str) -> None:
         raise CovarianceError(f"{name} must be positive semidefinite, its smallest (scaled) eigenvalue is {lowest:.3g}")
 
 
+def _positive_definite(array: Array) -> bool:
+    try:
+        np.linalg.cholesky(array)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
 def column(value: ArrayLike, size: int, name: str) -> Array:
     """A vector of `size` in any of filterpy's forms (scalar, list, row, column) as a flat (size,) array."""
     array = real(value, name)
+    if array.shape == (size,):
+        return array
     flat = array.reshape(-1)
     if flat.size != size or array.ndim > 2 or sum(n != 1 for n in array.shape) > 1:
         raise ShapeError(f"{name} must hold {size} number{'s' if size != 1 else ''}, got shape {array.shape}")

@@ -7,7 +7,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from .._arrays import Array, readonly
-from ..gains import exact_covariance, least_squares, observability_index
+from ..errors import UnobservableWindow
+from ..gains import Gain, exact_covariance, least_squares, observability_index, ufir_gain
 from ..model import Model
 from ..window import Window, model_window, whitener
 from .covariance import Covariance
@@ -46,7 +47,7 @@ class Plan:
         self.model, self.horizon = model, horizon
         self.index = observability_index(model)
         self.whitener = readonly(whitener(model.R))
-        self._gains: dict[int, Array | None] = {}
+        self._gains: dict[int, Gain | None] = {}
         self._covariances: dict[int, Covariance] = {}
         self._bases: dict[int, Basis] = {}
         self._patterns: dict[bytes, Pattern] = {}
@@ -57,9 +58,12 @@ class Plan:
     def gain(self, length: int) -> Array | None:
         """Gain on the full window of `length` steps, None where it does not determine the state."""
         if length not in self._gains:
-            window = model_window(self.model, length)
-            self._gains[length] = readonly(least_squares(window)) if window.determined() else None
-        return self._gains[length]
+            try:
+                self._gains[length] = ufir_gain(self.model, length)
+            except UnobservableWindow:
+                self._gains[length] = None
+        gain = self._gains[length]
+        return None if gain is None else gain.K
 
     def covariance(self, length: int) -> Covariance:
         """Exact error covariance of that gain, shared by all who ask."""
@@ -136,10 +140,7 @@ class Pattern:
 
 
 def _covariance(plan: Plan, length: int) -> Array:
-    gain = plan.gain(length)
-    if gain is None:
-        raise RuntimeError(f"a window of {length} steps has no gain")
-    return readonly(exact_covariance(model_window(plan.model, length), gain))
+    return ufir_gain(plan.model, length).P
 
 
 @lru_cache(maxsize=128)

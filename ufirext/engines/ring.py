@@ -170,6 +170,20 @@ class Ring:
 
     # -- rows -------------------------------------------------------------------------------------------------
 
+    def add_plain(self, z: Array) -> bool:
+        """z of this step, on time and of the model's weight, into its slot; False where the slot is taken."""
+        i = self.end - 1
+        if self.arrivals[i] != NEVER or self.after is not None:
+            return False
+        now = self.base + i
+        self.arrivals[i], self.weights[i], self.newest_age = now, 1.0, 0
+        if self.raw is not None:
+            self.raw[i] = z
+        self.free[i] = z if self.path is None else z - self.plan.model.H.dot(self.path[i])
+        if self.begin is None:
+            self.begin = now
+        return True
+
     def add(self, row: Row) -> bool:
         """Put a row that arrived now into the slot of its origin; False where a ring cannot."""
         i = row.origin - self.base

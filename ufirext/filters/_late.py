@@ -217,7 +217,7 @@ class LiftedState(LateState):
     def _taken(
         self, z: Array, H: Array, R: Array, mask: Array, delay: int, cross: Array | None
     ) -> tuple[Update, Array, Array]:
-        n, state = self.dim_x, self._settled()
+        n, state = self.dim_x, self._start()
         if self.now:
             big_H, R = self.channel.lifted(H, R, delay, state.x, state.P)
         else:
@@ -235,6 +235,10 @@ class LiftedState(LateState):
         state, n = self._settled(), self.dim_x
         at = slice(lag * n, (lag + 1) * n)
         return self.shaped(state.x[at]), state.P[at, at].copy()
+
+    def _start(self) -> Lifted:
+        """The augmented state that a measurement of this step meets."""
+        return self._settled()
 
     def _closed(self, state: Lifted) -> Lifted:
         """The augmented state at the end of its step."""

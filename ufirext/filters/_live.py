@@ -34,13 +34,20 @@ class Live:
             self._handed = self.value.copy()
         return self._handed
 
-    def assign(self, value: Any) -> None:
-        """A new value from outside, validated; edits of the array assigned keep counting."""
+    def assign(self, value: Any) -> bool:
+        """A new value from outside, validated; edits of the array assigned keep counting. True if it differs."""
         array = self._check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self._handed = value if same and value.flags.writeable else None
-        if array.tobytes() != self.value.tobytes():
-            self.value = readonly(array)
+        if array.shape == self.value.shape and array.tobytes() == self.value.tobytes():
+            return False
+        self.value = readonly(array)
+        return True
+
+    def same(self, array: Array) -> Array:
+        """`value` itself where `array` equals it: what is constant is recognised by identity."""
+        value = self.value
+        return value if array.shape == value.shape and array.tobytes() == value.tobytes() else array
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._arrays import Array, symmetric
+from .._arrays import Array
 from ..channels import Channel
+from ..engines.covariance import Covariance
 from ..errors import UfirextError
 from ..recursions.augmented import Lifted
 from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, tilt, weight_root
@@ -16,6 +17,7 @@ from ..recursions.kalman import Posterior, update
 from ._late import LiftedState
 from ._live import Live
 from ._state import _Covariance
+from ._update import Update
 
 Theta = float | str | Sequence[float] | Callable[[int], float]
 
@@ -53,7 +55,8 @@ class RobustState(LiftedState):
         self.clips, self.fraction = clips, fraction
         self.past_account = Account()
         self.account: Account | None = None  # of the present step, once its theta was used
-        self.tilted = False
+        self.tilted = False  # whether the P of this step is J^-1 already
+        self.bare: Array | None = None  # P of this step before it was tilted
 
     def settle(self) -> None:
         """Honour edits in place, those of the weight too."""
@@ -97,16 +100,21 @@ class RobustState(LiftedState):
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update; a refusal leaves the filter as it was."""
-        before = (self.tall, self.account, self.past_account, self.tilted)
+        before = (self.tall, self.account, self.past_account, self.tilted, self.bare)
         try:
             super().predict(F, Q, known)
         except ThetaTooLarge:
-            self.tall, self.account, self.past_account, self.tilted = before
+            self.tall, self.account, self.past_account, self.tilted, self.bare = before
             raise
+
+    def _settled(self) -> Lifted:
+        if self.P is not self.own_P:
+            self.bare = None
+        return super()._settled()
 
     def _ahead(self, F: Array, Q: Array, known: Array | None) -> tuple[Array, Array]:
         x, P = super()._ahead(F, Q, known)
-        self.tilted = False
+        self.tilted, self.bare = False, None
         if self.account is not None:
             self.past_account, self.account = self.past_account + self.account, None
         if self.robust_form == "prior":
@@ -114,35 +122,51 @@ class RobustState(LiftedState):
         return x, P
 
     def _closed(self, state: Lifted) -> Lifted:
-        """The state from which the next prediction starts: P tilted, unless that was done."""
+        """The state from which the next prediction starts, if no update has tilted it yet."""
         if self.tilted or (self.now == 0 and not self.updated):
+            return state
+        if self.theta == "auto":
+            # Errors of steps without a measurement weigh nothing: P would grow without end over a gap.
+            self.account = Account(1, 0.0, 0.0)
             return state
         self.account = self.judged(state.P, self.now)
         return state._replace(P=tilt(state.P, self.root(), self.account.lowest))
 
+    def _start(self) -> Lifted:
+        """The prior of an update: P before it was tilted, where the form tilts after its measurements."""
+        state = self._settled()
+        if self.robust_form == "prior" and not self.tilted:
+            return state._replace(P=self._tilted(state.P))
+        return state if self.bare is None else state._replace(P=self.bare)
+
+    def _taken(
+        self, z: Array, H: Array, R: Array, mask: Array, delay: int, cross: Array | None
+    ) -> tuple[Update, Array, Array]:
+        met = self._settled().P if self.bare is None else self.bare
+        last, x, P = super()._taken(z, H, R, mask, delay, cross)
+        # S is told of the P that was published, whichever form the gain has.
+        return replace(last, P=Covariance.of(met)), x, P
+
     def _updated(self, state: Lifted, z: Array, H: Array, R: Array, cross: Array | None) -> Posterior:
-        if self.robust_form == "prior":
-            return update(state.x, self._tilted_once(state.P), z, H, R, cross)
         posterior = update(state.x, state.P, z, H, R, cross)
-        if self.robust_form == "posterior":
-            self.account = self.judged(posterior.P, self.now)
+        if self.robust_form == "prior" or (self.tilted and self.bare is None):
             return posterior
-        if self.tilted:
-            return posterior
-        P = self._tilted_once(posterior.P)
-        K = np.linalg.solve(R, H @ P).T
-        return posterior._replace(x=state.x + K @ posterior.y, P=symmetric(P), K=K)
+        tilted = self._tilted(posterior.P)
+        if self.robust_form == "mixed":
+            # The other filter's gain; a second measurement of the step starts from the tilted P.
+            K = np.linalg.solve(R, H @ tilted).T
+            return posterior._replace(x=state.x + K @ posterior.y, P=tilted, K=K)
+        self.bare = posterior.P
+        return posterior._replace(P=tilted)
 
-    def _nothing(self) -> None:
-        if self.robust_form == "posterior" and not self.updated:
-            self.account = self.judged(self._settled().P, self.now)
-
-    def _tilted_once(self, P: Array) -> Array:
-        if self.tilted:
-            return P
+    def _tilted(self, P: Array) -> Array:
         self.account = self.judged(P, self.now)
         self.tilted = True
         return tilt(P, self.root(), self.account.lowest)
+
+    def _nothing(self) -> None:
+        if self.robust_form == "posterior" and self.theta != "auto" and not self.updated:
+            self.account = self.judged(self._settled().P, self.now)
 
     @property
     def total(self) -> Account:

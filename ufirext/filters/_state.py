@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array, covariance, finite, matrix, real, square
+from .._arrays import Array, covariance, finite, matrix, readonly, real, square
 from ..engines.covariance import Covariance
 from ..engines.records import measured
 from ..errors import ShapeError
 from ._live import Live
 from ._update import Update
+
+
+# Masks of measurements with every component present.
+_ALL = {size: readonly(np.ones(size, dtype=bool)) for size in range(1, 65)}
 
 
 class FilterState:
@@ -37,11 +41,25 @@ class FilterState:
         self.x: Array = np.zeros(dim_x)
         self.P = Covariance.of(np.eye(dim_x))
         self.prior = self.post = (self.x, self.P)
-        self.last: Update | None = None
+        self._last: Update | tuple[Any, ...] | None = None
+        self.watching = False
+        self._asked: Array | None = None
+        self._whole = False
         self._x_handed: Array | None = None
         self._x_raw = b""
         self._P_handed: Array | None = None
         self._P_raw = b""
+
+    @property
+    def last(self) -> Update | None:
+        """What the last update() left behind; put together when somebody asks."""
+        if isinstance(self._last, tuple):
+            self._last = Update(*self._last)
+        return self._last
+
+    @last.setter
+    def last(self, value: Update | None) -> None:
+        self._last = value
 
     # -- what the client sees ---------------------------------------------------------------------------------
 
@@ -59,6 +77,7 @@ class FilterState:
     def hand_out(self, name: str) -> Array:
         """A model matrix, editable; edits count from the next verb on."""
         self.settle()
+        self.watching = True
         live: Live = getattr(self, name)
         return live.hand_out()
 
@@ -93,8 +112,9 @@ class FilterState:
         """A model matrix assigned from outside."""
         self.settle()
         live: Live = getattr(self, name)
-        live.assign(value)
-        self._model_changed()
+        if live.assign(value):
+            self._model_changed()
+        self.watching |= live.watched
 
     def assign_B(self, value: Any, dim_u: int) -> None:
         """The input matrix assigned from outside, None for no input."""
@@ -103,23 +123,17 @@ class FilterState:
         if value is not None:
             check = _Inputs(self.dim_x, dim_u)
             self.B = Live(check(value), check)
+            self.B.assign(value)
+            self.watching |= self.B.watched
 
     def look(self) -> FilterState:
         """The state with every field worked out."""
         return self
 
-    def watched(self) -> bool:
-        """Whether the client may edit P or a model matrix in place."""
-        lives = (self.F, self.H, self.Q, self.R, self.M, self.B)
-        return self._P_handed is not None or any(live is not None and live.watched for live in lives)
-
     def settle(self) -> None:
         """Honour everything that was edited in place since the last verb."""
-        for live in (self.F, self.H, self.Q, self.R, self.M):
-            if live.watched and live.changed():
-                self._model_changed()
-        if self.B is not None and self.B.watched:
-            self.B.changed()
+        if self.watching:
+            self._settle_matrices()
         handed = self._P_handed
         if handed is not None and handed.tobytes() != self._P_raw:
             self._P_raw = handed.tobytes()
@@ -128,6 +142,15 @@ class FilterState:
         if handed is not None and handed.tobytes() != self._x_raw:
             self._x_raw = handed.tobytes()
             self._move(finite(handed.reshape(self.dim_x).copy(), "x"))
+
+    def _settle_matrices(self) -> None:
+        watching = False
+        for live in (self.F, self.H, self.Q, self.R, self.M, self.B):
+            if live is not None and live.watched:
+                if live.changed() and live is not self.B:
+                    self._model_changed()
+                watching |= live.watched
+        self.watching = watching
 
     def _move(self, x: Array) -> None:
         delta = x - self.x
@@ -150,23 +173,34 @@ class FilterState:
         self.updated = False
         self.prior = (self.x, self.P)
 
-    def update(self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None) -> None:
-        """Measurement update; z flat with NaN for missing components, or None."""
+    def update(
+        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
+    ) -> None:
+        """Measurement update; z flat with NaN for missing components, or None; `whole`: every component is there."""
         x, P = self.x, self.P
-        mask = np.zeros(len(H), dtype=bool)
+        mask = _ALL.get(len(H)) if whole else None
         gain: Covariance | None = None
-        if z is not None:
+        if z is None:
+            mask = np.zeros(len(H), dtype=bool)
+        elif mask is not None:
+            gain = self._absorb(z, H, R, delay, cross)
+        else:
             z_in, H_in, R_in, mask = measured(z, H, R)
             if len(z_in):
                 gain = self._absorb(z_in, H_in, R_in, delay, cross)
         if gain is None:
             self._skip()
-            mask = np.zeros(len(H), dtype=bool) if z is None else mask
             gain = Covariance.of(np.zeros((self.dim_x, int(mask.sum()))))
-        self.last = Update(z, H, R, mask, x, P, gain, cross)
+        self._last = (z, H, R, mask, x, P, gain, cross)
         self.updated = True
         self.post = (self.x, self.P)
         self.warm()
+
+    def sees_all(self, H: Array) -> bool:
+        """Whether every row of H measures something; remembered for the last H asked about."""
+        if self._asked is not H:
+            self._asked, self._whole = H, bool(H.any(axis=1).all()) and len(H) in _ALL
+        return self._whole
 
     def warm(self) -> None:
         """The end of an update(): a chance to prepare for the next ones."""

@@ -209,14 +209,17 @@ class FilterSurface:
         """
         state = self._state
         state.settle()
-        state.predict(*self._transition(u, B, F, Q))
+        if u is None and F is None and Q is None:
+            state.predict(state.F.value, state.Q.value, None)
+        else:
+            state.predict(*self._transition(u, B, F, Q))
 
     def _transition(
         self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
     ) -> tuple[Array, Array, Array | None]:
         state, n = self._state, self.dim_x
-        F_now = state.F.value if F is None else square(F, n, "F", "(dim_x, dim_x)")
-        Q_now = state.Q.value if Q is None else covariance(Q, n, "Q", "(dim_x, dim_x)")
+        F_now = state.F.value if F is None else state.F.same(square(F, n, "F", "(dim_x, dim_x)"))
+        Q_now = state.Q.value if Q is None else state.Q.same(covariance(Q, n, "Q", "(dim_x, dim_x)"))
         known = None
         if u is not None and (B is not None or state.B is not None):
             inputs = state.B.value if B is None and state.B is not None else _as_inputs(B, n)
@@ -242,16 +245,19 @@ class FilterSurface:
         """
         state = self._state
         state.settle()
-        delay = integer(delay, "delay", 0)
-        state.update(*self._measurement(z, R, H), delay)
+        if delay.__class__ is not int or delay < 0:
+            delay = integer(delay, "delay", 0)
+        z_in, H_in, R_in = self._measurement(z, R, H)
+        whole = z_in is not None and z_in.dot(z_in) < np.inf
+        state.update(z_in, H_in, R_in, delay, whole=whole and state.sees_all(H_in))
 
     def _measurement(self, z: ArrayLike | None, R: ArrayLike | None, H: ArrayLike | None) -> tuple[Array | None, Array, Array]:
         state = self._state
-        H_now = state.H.value if H is None else self._observation(H)
+        H_now = state.H.value if H is None else state.H.same(self._observation(H))
         m = len(H_now)
         if R is not None:
             raw = real(R, "R")
-            R_now = covariance(raw.reshape(()) if raw.size == m == 1 else raw, m, "R", "(rows of H)")
+            R_now = state.R.same(covariance(raw.reshape(()) if raw.size == m == 1 else raw, m, "R", "(rows of H)"))
         else:
             R_now = state.R.value
             if len(R_now) != m:

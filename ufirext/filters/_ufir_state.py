@@ -139,7 +139,7 @@ class UFIRState(FilterState):
             self.engine.edit(delta, self.updated)
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
-        engine = self._start(self.F.value, self.Q.value)
+        engine = self._start(self.F.value, self.Q.value) if self.engine is None or self.stale else self.engine
         if delay and self._too_old(delay):
             self.dropped += 1
             return None
@@ -158,6 +158,8 @@ class UFIRState(FilterState):
     def _add(self, engine: Ring | Records, z: Array, H: Array, R: Array, delay: int) -> Solution | None | bool:
         """The row into the engine: the solution, None where there is none yet, False for a row that says nothing."""
         if isinstance(engine, Ring):
+            if not delay and H is self.anchor[1] and R is self.anchor[3] and engine.add_plain(z):
+                return engine.solve()
             model = engine.plan.model
             row = Row(
                 self.now - delay,
@@ -219,7 +221,8 @@ class UFIRState(FilterState):
             and ring.raw is None
             and self.ready_at == self.now
             and (ring.length <= GROWING_GAINS or ring.length == ring.limits.horizon)
-            and not self.watched()
+            and not self.watching
+            and self._P_handed is None
             and not self.stale
         ):
             self.mode, self.seen = POSTED, ring.now

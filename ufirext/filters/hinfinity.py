@@ -32,8 +32,8 @@ class DelayHInfinityFilter(LateFilter):
 
     ``sum theta_n |e_n|^2_S <= |x_0 - x^_0|^2_{P0^-1} + sum |w_n|^2_{Q^-1} + sum |v_n|^2_{R^-1}``, also with
     measurements that come late, out of order, in part or not at all. The surface is that of
-    ``filterpy.kalman.KalmanFilter``; `from_filterpy` takes over a ``filterpy.hinfinity.HInfinityFilter``, whose
-    author asks not to use it.
+    ``filterpy.kalman.KalmanFilter``; `from_filterpy` takes over a ``filterpy.hinfinity.HInfinityFilter``,
+    whose author asks not to use it.
 
     Parameters
     ----------
@@ -42,9 +42,10 @@ class DelayHInfinityFilter(LateFilter):
     dim_u : int, optional
         Number of inputs, 0 for any.
     theta : "auto", float, sequence or callable
-        How much is guaranteed: 0 is the Kalman filter, more bounds the errors more tightly, and from `theta_max`
-        on there is no such filter. "auto" keeps `fraction` of theta_max at each step. A sequence holds the
-        theta of steps 1, 2, .. (the last one goes on), a callable returns that of its step.
+        How much is guaranteed: 0 is the Kalman filter, more bounds the errors more tightly, and from
+        `theta_max` on there is no such filter. "auto" keeps `fraction` of theta_max at each step
+        that brings a measurement and 0 at the others. A sequence holds the theta of steps 1, 2, .. (the last
+        one goes on), a callable returns that of its step.
     form : {"posterior", "prior"}
         Which error is bounded: x_n - x^_n after the update, or x_n - F x^_{n-1} before it, which asks more.
         "mixed" is the pairing in Uribe-Murcia et al. (2018), for reproduction only: it bounds neither.
@@ -65,8 +66,9 @@ class DelayHInfinityFilter(LateFilter):
     Attributes
     ----------
     x, P, F, H, Q, R, B, K, y, S, SI, z, x_prior, P_prior, x_post, P_post
-        As in filterpy. Q, R and the initial P are the weights of the disturbances; P is a matrix of the
-        criterion, and the covariance of Gaussian errors only for theta = 0.
+        As in filterpy. Q, R and the initial P are the weights of the disturbances. P after an update is what
+        the next prediction starts from, (P_prior^-1 - theta S + H'R^-1H)^-1; it is the covariance of Gaussian
+        errors for theta = 0 only.
 
     Raises
     ------

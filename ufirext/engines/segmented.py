@@ -1,0 +1,265 @@
+"""The engine for minimum-variance windows of any kind: time-varying models, holes, late rows, inputs, edits.
+
+It keeps the same records as the reference engine, and folds of associative segments over them. Everything is
+a deviation from a reference trajectory (where the filter believed to be), so that large offsets cost no
+digits.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .._arrays import Array
+from ..joint import Joint, joint_gain
+from ..segments import (
+    Segment,
+    SlidingFold,
+    closing,
+    combine,
+    covariance,
+    estimate,
+    known_start,
+    split,
+    transition,
+)
+from ..window import Row
+from .covariance import Covariance
+from .records import NEGLIGIBLE, Limits, Records, Solution, Stack
+
+__all__ = ["Lagged", "Prior", "Segmented"]
+
+
+class Lagged(NamedTuple):
+    """An older state: estimate, error covariance, and E[(error of the newest state) (its error)']."""
+
+    x: Array
+    P: Array
+    cross: Array
+
+
+class Prior(NamedTuple):
+    """What is known of the state at `time` before its rows, while the rows do not determine it."""
+
+    time: int
+    x: Array
+    P: Array
+
+
+class Segmented(Records):
+    """Records with folds: the estimate of a minimum-variance window at a cost that does not grow with it."""
+
+    def __init__(self, first_F: Array, first_Q: Array, now: int, center: Array) -> None:
+        super().__init__(first_F, first_Q, now)
+        self.center = center  # where the filter believes to be
+        self.references, self.oldest = {now: center}, now
+        self.said: dict[int, tuple[Array, Array]] = {}  # eta and J of the rows at an instant
+        self.instants: list[int] = []
+        self.peaks: deque[tuple[int, float]] = deque()  # sliding maximum of the rows' information
+        self.start: int | None = None  # of the window; None while its rows do not determine the state
+        self.clear = True  # whether the folds are accurate enough for this window
+        self.tidied = now
+        self._fold()
+
+    def _fold(self) -> None:
+        self.whole, self.head, self.tail = (SlidingFold(self._leaf) for _ in range(3))
+
+    # -- transitions and rows ---------------------------------------------------------------------------
+
+    def advance(self, F: Array, Q: Array, known: Array | None) -> None:
+        """One predict()."""
+        ahead = F @ self.center
+        super().advance(F, Q, known)
+        self.center = ahead if known is None else ahead + known
+        self.references[self.now] = self.center
+
+    def edit(self, delta: Array, after_rows: bool) -> None:
+        """x was moved from outside by `delta`, after or before the rows of this step."""
+        super().edit(delta, after_rows)
+        self.center = self.center + delta
+        if not after_rows:
+            self._changed(self.now - 1)
+
+    def add(self, row: Row) -> None:
+        """A row that arrived now."""
+        super().add(row)
+        row = self.rows[-1]
+        z = row.z - row.H @ self._reference(row.origin)
+        if row.shift is not None:
+            z = z - row.H @ row.shift
+        seen = row.whitener @ row.H
+        eta, J = seen.T @ (row.whitener @ z), seen.T @ seen
+        if row.origin in self.said:
+            eta, J = eta + self.said[row.origin][0], J + self.said[row.origin][1]
+        elif not self.instants or row.origin > self.instants[-1]:
+            self.instants.append(row.origin)
+        else:
+            insort(self.instants, row.origin)
+        self.said[row.origin] = eta, J
+        self._changed(row.origin)
+        while self.peaks and self.peaks[-1][1] <= row.information:
+            self.peaks.pop()
+        self.peaks.append((row.arrival, row.information))
+
+    def negligible(self, row: Row) -> bool:
+        """A row whose information is nothing beside the window's counts as missing."""
+        return bool(self.peaks) and row.information < NEGLIGIBLE * self.peaks[0][1]
+
+    def forget(self, limits: Limits) -> None:
+        """Drop what no window can reach any more, once a horizon."""
+        bound = self.now - limits.reach
+        while self.peaks and self.peaks[0][0] <= bound:
+            self.peaks.popleft()
+        if self.now - self.tidied < limits.horizon:
+            return
+        self.tidied = self.now
+        super().forget(limits)
+        self.instants = self.instants[bisect_left(self.instants, bound + 1) :]
+        self.said = {time: said for time, said in self.said.items() if time > bound}
+        self.oldest = max(self.oldest, min(bound, self.first))
+        self.references = {time: x for time, x in self.references.items() if time >= self.oldest}
+
+    def _reference(self, time: int) -> Array:
+        """The reference at `time`; before the first step it stands still."""
+        return self.references[max(time, self.oldest)]
+
+    def _changed(self, time: int) -> None:
+        for fold in (self.whole, self.head, self.tail):
+            fold.changed(time)
+
+    # -- folds ------------------------------------------------------------------------------------------
+
+    def _rows_at(self, time: int) -> tuple[Array, Array]:
+        n = len(self.center)
+        return self.said.get(time) or (np.zeros(n), np.zeros((n, n)))
+
+    def _leaf(self, time: int) -> Segment:
+        step = self.step(time + 1)
+        drift = step.F @ self._reference(time) - self._reference(time + 1)
+        return transition(
+            step.F, drift if step.known is None else drift + step.known, step.Q, *self._rows_at(time)
+        )
+
+    def _closed(self, fold: SlidingFold, start: int, stop: int) -> Segment:
+        """The steps start .. stop, without the transition after the last."""
+        before, last = fold(start, stop), closing(*self._rows_at(stop))
+        return last if before is None else combine(before, last)
+
+    def solve(self, limits: Limits, lag: int = 0, rows: Sequence[Row] | None = None) -> Solution | None:
+        """Minimum-variance estimate over the window; None where its rows do not determine the state."""
+        floor = self.now - limits.reach
+        wanted = min(limits.horizon, limits.instants) if limits.extends else 0
+        place = bisect_left(self.instants, self.now - limits.horizon + 1)
+        place = max(0, min(place, len(self.instants) - wanted))
+        before, self.start = self.start, None
+        if place < len(self.instants) and self.instants[place] > floor:
+            for candidate in self._candidates(place, before, floor):
+                segment = self._closed(self.whole, self.instants[candidate], self.now)
+                deviation = estimate(segment)
+                if deviation is not None:
+                    self.start, self.clear = self.instants[candidate], True
+                    return self._solution(deviation, segment, len(self.instants) - candidate)
+        return self._solve_slowly(limits)
+
+    def _candidates(self, place: int, before: int | None, floor: int) -> Iterator[int]:
+        """Where the window may start: where it should, else as little before as it has done."""
+        yield place
+        if before is not None and before > floor:
+            yield from range(place - 1, bisect_left(self.instants, before) - 1, -1)
+
+    def _solution(self, deviation: Array, segment: Segment, instants: int) -> Solution:
+        row = self.rows[-1]
+        P = Covariance(covariance, (segment,))
+        if row.origin == self.now:
+            gain = Covariance(_newest_gain, (P, row))
+        else:
+            gain = Covariance(_late_gain, (self.copy(), row))
+        x = self._reference(self.now) + deviation
+        return Solution(x if self.after is None else x + self.after, P, gain, gain, instants)
+
+    def _solve_slowly(self, limits: Limits) -> Solution | None:
+        """By the recursion on gains, where the folds lose digits or the window must reach further back."""
+        chosen = self.select(limits)
+        if chosen is None:
+            return None
+        self.start = min(row.origin for row in chosen)
+        segment = self._closed(self.whole, self.start, self.now)
+        deviation = estimate(segment)
+        instants = len(self.instants) - bisect_left(self.instants, self.start)
+        self.clear = deviation is not None
+        if deviation is not None:
+            return self._solution(deviation, segment, instants)
+        stack, joint = self._designed(chosen, self.now, self.now)
+        n = len(self.center)
+        x = joint.K[:n] @ stack.Z + stack.known
+        newest = max(range(len(stack.rows)), key=lambda index: stack.rows[index].arrival)
+        starts = stack.window.starts
+        gain = Covariance.of(joint.K[:n, starts[newest] : starts[newest + 1]])
+        x = x if self.after is None else x + self.after
+        return Solution(x, Covariance.of(joint.P[:n, :n]), gain, gain, instants)
+
+    def _designed(self, rows: Sequence[Row], end: int, aim: int) -> tuple[Stack, Joint]:
+        """The joint gain of the states at `end` and `aim` on the rows, and their regression."""
+        stack = self.stack(rows, end)
+        oldest = end - len(stack.window.F)
+        return stack, joint_gain(replace(stack.window, aim=aim - oldest))
+
+    def lagged(self, aim: int, end: int, prior: Prior | None = None) -> Lagged | None:
+        """The state at `aim` from the rows up to `end`: those of the window, or those since the prior."""
+        if prior is None and self.start is None:
+            return None
+        start = prior.time if prior is not None else self.start or 0
+        aim = max(aim, start)
+        if prior is None and not self.clear:
+            return self._lagged_slowly(aim, end)
+        second = self._closed(self.tail, aim, end)
+        first = self.head(start, aim)
+        if prior is not None:
+            known = known_start(prior.x - self._reference(prior.time), prior.P)
+            first = known if first is None else combine(known, first)
+        elif first is None:
+            n = len(self.center)
+            first = closing(np.zeros(n), np.zeros((n, n)))
+        found = split(first, second)
+        if found is None:
+            return None if prior is not None else self._lagged_slowly(aim, end)
+        return Lagged(self._reference(aim) + found[0], found[1], found[2])
+
+    def _lagged_slowly(self, aim: int, end: int) -> Lagged | None:
+        rows = [row for row in self.rows if row.origin >= self.start]  # type: ignore[operator]
+        stack = self.stack(rows, end)
+        window = replace(stack.window, aim=aim - (end - len(stack.window.F)))
+        if not window.determined():
+            return None
+        joint, n = joint_gain(window), len(self.center)
+        known = self.stack(rows, aim).known
+        return Lagged(joint.K[n:] @ stack.Z + known, joint.P[n:, n:], joint.P[:n, n:])
+
+    def copy(self) -> Segmented:
+        """An independent copy; rows, steps and segments are immutable and shared."""
+        fork = super().copy()
+        if not isinstance(fork, Segmented):
+            raise TypeError(f"a copy of {type(self).__name__} is one")
+        fork.said, fork.instants = self.said.copy(), self.instants.copy()
+        fork.references, fork.peaks = self.references.copy(), self.peaks.copy()
+        leaf = fork._leaf
+        fork.whole, fork.head, fork.tail = self.whole.copy(leaf), self.head.copy(leaf), self.tail.copy(leaf)
+        return fork
+
+
+def _newest_gain(P: Covariance, row: Row) -> Array:
+    """P H' R^-1: the gain on a row of the newest state."""
+    return np.asarray(P.value @ row.H.T @ row.whitener.T @ row.whitener)
+
+
+def _late_gain(engine: Segmented, row: Row) -> Array:
+    """P_{now, origin} H' R^-1: the gain on a row of an older state, zero if the window does not reach it."""
+    found = engine.lagged(row.origin, engine.now)
+    if found is None or engine.start is None or row.origin < engine.start:
+        return np.zeros((len(engine.center), len(row.H)))
+    return np.asarray(found.cross @ row.H.T @ row.whitener.T @ row.whitener)
