@@ -158,7 +158,7 @@ def observability_index(model: Model) -> int | None:
     for horizon in range(1, certain + 1):
         if model_window(model, horizon).determined():
             return horizon
-    # By Cayley-Hamilton no longer window sees more: an unseen mode that decays, or is outgrown, stays unknown.
+    # By Cayley-Hamilton no longer window sees more: an unseen mode that decays or is outgrown stays unknown.
     # A nearly unobservable one may pass the rank test later.
     if not _full_rank(model, SEARCH_LIMIT):
         return None
@@ -191,15 +191,17 @@ def exact_covariance(window: Window, K: Array) -> Array:
     by the backward recursion of `noise_paths`, which ends in D_0 = 0. Where rounding has grown too much on
     the way (unstable F amplify it with every step), by the forward recursion, which is stable.
     """
-    noise = np.zeros((window.dim_x, window.dim_x))
-    for g, R in zip(np.split(K, window.starts[1:-1], axis=1), window.R, strict=True):
-        noise += g @ R @ g.T
-    rounding, *paths = noise_paths(window, K, [window.aim])
-    if paths:
+    with np.errstate(over="ignore", invalid="ignore"):
+        rounding, *paths = noise_paths(window, K, [window.aim])
+        noise = np.zeros_like(rounding)
+        for g, R in zip(np.split(K, window.starts[1:-1], axis=1), window.R, strict=True):
+            noise += g @ R @ g.T
+        if not paths:
+            return symmetric(noise)
         D, Q = np.array(paths), np.array(window.Q[: len(paths)])
         noise += (D @ Q @ D.transpose(0, 2, 1)).sum(axis=0)
         rounding = rounding @ Q.sum(axis=0) @ rounding.T
-    if not (np.diag(rounding) <= PATH_ROUNDING**2 * np.diag(noise)).all() and paths:
+    if not (np.diag(rounding) <= PATH_ROUNDING**2 * np.diag(noise)).all():
         grown = grown_covariance(window)
         if grown is not None:
             return grown
