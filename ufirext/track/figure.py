@@ -139,10 +139,12 @@ class _Picture:
         """The stretch of rows, within one run of the filter, where estimate and measurement differ most."""
         moved = np.linalg.norm(self.estimates.position - self.track.position, axis=1)
         length = min(_CLOSE, len(moved))
-        power = np.convolve(np.where(self.estimates.ready, moved, 0.0) ** 2, np.ones(length), mode="valid")
-        reaches_over = np.isin(np.arange(len(moved)), self.estimates.starts[1:]).astype(float)
-        crossing = np.convolve(reaches_over, np.ones(length), mode="valid") - reaches_over[: len(power)]
-        start = int(np.argmax(np.where(crossing > 0.5, -1.0, power)))
+        middle = np.bartlett(length + 2)[1:-1]  # weights that put what is most in the middle of the picture
+        power = np.convolve(np.where(self.estimates.ready, moved, 0.0) ** 2, middle, mode="valid")
+        restart = np.zeros(len(moved))
+        restart[self.estimates.starts[1:]] = 1.0
+        inside = np.convolve(restart, np.ones(length), mode="valid") - restart[: len(power)]
+        start = int(np.argmax(np.where(inside > 0.5, -1.0, power)))
         return slice(start, start + length)
 
     def _map(self, panel: Axes, title: str) -> None:

@@ -10,7 +10,7 @@ from .._arrays import Array
 from ..errors import HorizonError
 from ..model import Model, kinematic
 from .series import Integers, Mask, Progress, Track, silent
-from .stretch import filter_grid, filter_rows
+from .stretch import Stretch, filter_grid, filter_rows
 from .timing import Timing, pieces
 
 __all__ = ["Estimates", "Motion", "run"]
@@ -129,14 +129,13 @@ def run(
     out = _blank(len(track), AXES * (motion.order + 1), [each.start for each in stretches])
     on_grid = axis.regular and track.age is None
     dropped = 0
-    for each in stretches:
-        # large coordinates (UTM) would cost digits: the filter works relative to the stretch's first row
-        origin = track.position[each.start]
+    for rows in stretches:
+        stretch = Stretch.of(track, axis, rows)
         if on_grid:
-            filter_grid(track, axis, motion, each, origin, out, progress)
+            filter_grid(stretch, motion, out, progress)
         else:
-            dropped += filter_rows(track, axis, motion, each, origin, out, progress, spread)
-        out.mean[each, :: motion.order + 1] += origin
+            dropped += filter_rows(stretch, motion, out, progress, spread=spread)
+        out.mean[rows, :: motion.order + 1] += track.position[rows.start]
     for state in range(out.mean.shape[1]):
         scale = axis.step ** (state % (motion.order + 1))
         out.mean[:, state] /= scale

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -17,39 +18,67 @@ from .timing import Timing, age_in_steps
 if TYPE_CHECKING:
     from .run import Estimates, Motion
 
-__all__ = ["filter_grid", "filter_rows"]
+__all__ = ["Stretch", "filter_grid", "filter_rows"]
 
 _CHUNK = 16_384  # grid points filtered at once: bounds memory, and lets progress show
 _REMEMBERED = 512  # steps whose estimate is kept to judge late rows by
 _NEAR = 1e-6  # of a step; measurements this close to a step are of it
 
 
-def filter_grid(
-    track: Track,
-    axis: Timing,
-    motion: Motion,
-    rows: slice,
-    origin: Array,
-    out: Estimates,
-    progress: Progress,
-) -> None:
+@dataclass(frozen=True)
+class Stretch:
+    """Rows of a track without a long gap between them.
+
+    Attributes
+    ----------
+    rows : slice
+        Where they stand in the track.
+    steps : ndarray, (n,)
+        Steps since the row before.
+    measured : ndarray, (n, 2)
+        Positions relative to the first one, m: large coordinates (UTM) would cost digits.
+    ages : ndarray, (n,), or None
+        How old they were on arrival, in steps.
+    regular : bool
+        Whether the rows lie on a grid.
+    """
+
+    rows: slice
+    steps: Array
+    measured: Array
+    ages: Array | None
+    regular: bool
+
+    @classmethod
+    def of(cls, track: Track, axis: Timing, rows: slice) -> Stretch:
+        """The rows of a track."""
+        ages = None if track.age is None else age_in_steps(track, axis)[rows]
+        measured = track.position[rows] - track.position[rows.start]
+        return cls(rows, axis.steps[rows], measured, ages, axis.regular)
+
+    @property
+    def point(self) -> Array:
+        """Steps from the first row to each, (n,)."""
+        passed = np.cumsum(self.steps)
+        return np.asarray(passed - passed[0])
+
+
+def filter_grid(stretch: Stretch, motion: Motion, out: Estimates, progress: Progress) -> None:
     """Rows on a grid, one measurement a step at most, some points of it empty."""
-    model = motion.model()
-    point = np.cumsum(axis.steps[rows]).astype(int)
-    point -= point[0]
-    measured = track.position[rows] - origin
+    point = stretch.point.astype(int)
     end = int(point[-1]) + 1
     size = max(_CHUNK, 4 * reach(motion))
     for first in range(0, end, size):
         begin, stop = max(0, first - reach(motion)), min(end, first + size)
-        known = slice(*np.searchsorted(point, [begin, min(end, stop + motion.lag)]))
-        zs = np.full((min(end, stop + motion.lag) - begin, model.dim_z), np.nan)
-        zs[point[known] - begin] = measured[known]
+        ahead = min(end, stop + motion.lag)
+        known = slice(*np.searchsorted(point, [begin, ahead]))
+        zs = np.full((ahead - begin, stretch.measured.shape[1]), np.nan)
+        zs[point[known] - begin] = stretch.measured[known]
         here = slice(*np.searchsorted(point, [first, stop]))
-        target = slice(rows.start + here.start, rows.start + here.stop)
+        target = slice(stretch.rows.start + here.start, stretch.rows.start + here.stop)
         _fill(out, target, zs, point[here] - begin, motion)
-        progress("filtering", target.stop, len(track))
-    _flag(out, rows, np.arange(len(point)), point.astype(float), motion)
+        progress("filtering", target.stop, len(out.nis))
+    _flag(out, stretch, motion)
 
 
 def _fill(out: Estimates, target: slice, zs: Array, place: Integers, motion: Motion) -> None:
@@ -68,47 +97,36 @@ def _fill(out: Estimates, target: slice, zs: Array, place: Integers, motion: Mot
     out.std[target] = np.sqrt(np.maximum(np.diagonal(covs[place], axis1=1, axis2=2), 0.0))
 
 
-def _flag(out: Estimates, rows: slice, index: Integers, point: Array, motion: Motion) -> None:
+def _flag(out: Estimates, stretch: Stretch, motion: Motion) -> None:
     """Mark the rows with a determined state and a whole window; blank what the data do not tell yet."""
+    rows, index = stretch.rows, np.arange(len(stretch.steps))
     out.ready[rows] = index >= motion.order
     for state in range(out.mean.shape[1]):
         if state % (motion.order + 1):  # a derivative
             out.mean[rows, state][index < motion.order] = np.nan
             out.std[rows, state][index < motion.order] = np.nan
-    out.settled[rows] = (point >= motion.horizon) & (index > motion.order + 2)
-    unpredicted = np.arange(rows.start, rows.stop)[index <= motion.order]
-    out.innovation[unpredicted] = np.nan
-    out.innovation_std[unpredicted] = np.nan
-    out.nis[unpredicted] = np.nan
+    out.settled[rows] = (stretch.point >= motion.horizon) & (index > motion.order + 2)
+    for judged in (out.innovation, out.innovation_std, out.nis):
+        judged[rows][index <= motion.order] = np.nan
 
 
 def filter_rows(
-    track: Track,
-    axis: Timing,
-    motion: Motion,
-    rows: slice,
-    origin: Array,
-    out: Estimates,
-    progress: Progress,
-    spread: bool,
+    stretch: Stretch, motion: Motion, out: Estimates, progress: Progress, *, spread: bool = True
 ) -> int:
-    """Rows off the grid, late rows, and smoothing, step by step; returns how many came too late."""
+    """Rows off the grid and late rows, step by step; returns how many came too late for the window."""
     kf = new_filter(motion)
-    walk = _Walk(kf, axis.regular, motion, out, spread)
-    ages = None if track.age is None else age_in_steps(track, axis)[rows]
-    measured = track.position[rows] - origin
-    index = np.arange(rows.stop - rows.start)
-    for offset in index.tolist():
-        row = rows.start + offset
-        walk.advance(float(axis.steps[row]) if offset else 1.0, remember=ages is not None)
-        if ages is None:
-            walk.take(row, measured[offset])
+    walk = _Walk(kf, stretch.regular, motion, out, spread)
+    for offset, (steps, z) in enumerate(zip(stretch.steps.tolist(), stretch.measured, strict=True)):
+        row = stretch.rows.start + offset
+        walk.advance(steps if offset else 1.0, remember=stretch.ages is not None)
+        if stretch.ages is None:
+            walk.take(row, z)
         else:
-            walk.take_late(row, measured[offset], float(ages[offset]))
-        if offset % 1024 == 0:
-            progress("filtering", row, len(track))
+            walk.take_late(row, z, float(stretch.ages[offset]))
+        if offset % 1024 == 0 or row + 1 == stretch.rows.stop:
+            progress("filtering", row + 1, len(out.nis))
     walk.finish()
-    _flag(out, rows, index, np.cumsum(axis.steps[rows]) - axis.steps[rows.start], motion)
+    _flag(out, stretch, motion)
     return int(kf.dropped)
 
 

@@ -54,10 +54,10 @@ def test_it_is_the_filter_step_by_step(lost, order, horizon, lag):
 def test_pieces_do_not_show(monkeypatch, lag):
     """A finite memory makes pieces with an overlap exact."""
     rng = np.random.default_rng(2)
-    seconds = np.arange(2000.0)
-    kept = rng.random(2000) > 0.02
+    seconds = np.arange(800.0)
+    kept = rng.random(800) > 0.02
     track = recorded(seconds[kept], noisy(rng, seconds[kept], 3.0))
-    axis, motion = timing(track), Motion(1, horizon=11, q=0.05, r=9.0, lag=lag)
+    axis, motion = timing(track), Motion(1, horizon=8, q=0.05, r=9.0, lag=lag)
     at_once = run(track, axis, motion)
     monkeypatch.setattr(stretch, "_CHUNK", 1)
     in_pieces = run(track, axis, motion)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("pymap3d", reason="pip install ufirext[cli]")
@@ -88,6 +88,7 @@ def test_large_coordinates_cost_no_digits():
     np.testing.assert_allclose(moved, filtered(near, motion).position, atol=2e-9)
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_rows_that_arrive_late_and_out_of_order_lose_nothing_on_a_straight_drive(seed):
     rng = np.random.default_rng(seed)
@@ -143,6 +144,22 @@ def test_standard_deviations_and_nis_are_right_under_the_assumed_noise():
     ratio = (estimates.position - truth)[20:] / estimates.position_std[20:]
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.06)
     assert np.mean(estimates.nis[20:]) == pytest.approx(2.0, abs=0.12)
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_progress_is_told_and_ends_at_the_end(lag, jitter):
+    seconds = np.arange(300.0) + jitter * (np.arange(300) % 3)
+    told = []
+    track = recorded(seconds, straight(seconds))
+    run(
+        track,
+        timing(track),
+        Motion(1, 6, lag=lag),
+        lambda stage, done, total: told.append((stage, done, total)),
+    )
+    assert told == sorted(told)
+    assert told[-1] == ("filtering", 300, 300)
 
 
 def test_what_the_data_do_not_tell_yet_is_blank():
