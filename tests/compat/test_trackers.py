@@ -32,7 +32,7 @@ def scenes(sort_boxes):
 
 
 def compare(sort_boxes, scenes, run, name, *, factor=1.25, switches=1):
-    """Frames of {identity: box} from ``run(make_filter, frames)``, with filterpy's class and with UFIRFilter."""
+    """Frames of {identity: box} from ``run(make_filter, frames)``, with KalmanFilter and with UFIRFilter."""
     of = {"kalman": KalmanFilter, "ufir": CLASSES[name]}
     scores = {
         who: [sort_boxes.score(truth, run(make, frames)) for truth, frames in scenes]

@@ -27,7 +27,7 @@ def messy(rng, steps):
 @STEPS
 def test_a_copy_goes_on_as_the_original(make, column, rng, clone, steps):
     f = plane(make, column)
-    zs = messy(rng, steps + 60)
+    zs = messy(rng, steps + 45)
     run(f, zs[:steps])
     twin = clone(f)
     assert type(twin) is type(f)
@@ -35,7 +35,8 @@ def test_a_copy_goes_on_as_the_original(make, column, rng, clone, steps):
     for z in zs[steps:]:
         run(f, [z])
         run(twin, [z])
-        assert_same(f, twin, 0.0)
+        np.testing.assert_array_equal(f.x, twin.x)
+    assert_same(f, twin, 0.0)
 
 
 @pytest.mark.contract("49-50")
@@ -77,7 +78,7 @@ def test_copies_share_nothing(make, column, rng, clone, steps):
 @pytest.mark.parametrize("used", [0, 25], ids=["fresh", "used"])
 def test_copy_states_makes_the_destination_go_on_as_the_source(make, column, rng, steps, used):
     source, destination = plane(make, column), make(4, 2)
-    zs = messy(rng, steps + 60)
+    zs = messy(rng, steps + 45)
     run(source, zs[:steps])
     if used:
         destination = plane(make, not column, q=9.0)
@@ -87,7 +88,8 @@ def test_copy_states_makes_the_destination_go_on_as_the_source(make, column, rng
     for z in zs[steps:]:
         run(source, [z])
         run(destination, [z])
-        assert_same(source, destination, 0.0)
+        np.testing.assert_array_equal(source.x, destination.x)
+    assert_same(source, destination, 0.0)
 
 
 @pytest.mark.contract(52)
