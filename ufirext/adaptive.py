@@ -183,7 +183,7 @@ class HorizonBank:
     # Effective number of errors a candidate needs before it may be chosen.
     ENOUGH = 8.0
     # A challenger must be better by this fraction: equal candidates do not take turns.
-    MARGIN = 0.01
+    MARGIN = 0.02
 
     __slots__ = ("_best", "_counts", "_sums", "candidates", "forgetting")
 
