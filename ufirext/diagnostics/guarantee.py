@@ -29,6 +29,8 @@ class Guarantee:
         Steps at which theta was lowered to stay below its limit.
     max_delay : int
         The oldest measurement taken in; the bound is for the true noises, not for an effective one.
+    averaged : bool
+        The delays were unknown: what averaging over them adds counts as measurement noise v.
 
     Examples
     --------
@@ -45,6 +47,7 @@ class Guarantee:
     theta_max: float
     clipped: int = 0
     max_delay: int = 0
+    averaged: bool = False
 
     @property
     def holds(self) -> bool:
@@ -62,6 +65,8 @@ class Guarantee:
         extra = f", lowered at {self.clipped} steps" if self.clipped else ""
         late = f", delays up to {self.max_delay} steps included" if self.max_delay else ""
         name = "a-posteriori" if self.form == "posterior" else "a-priori"
+        if self.averaged:
+            late = ", what the unknown delay adds counted in v"
         return (
             f"H-infinity, {name} form, {self.steps} steps: the error e_n = {_ERROR[self.form]} keeps\n"
             "  sum theta_n |e_n|^2_S <= |x_0 - x^_0|^2_{P0^-1} + sum |w_n|^2_{Q^-1} + sum |v_n|^2_{R^-1}\n"
