@@ -100,8 +100,6 @@ class Ring:
 
     def advance(self, known: Array | None) -> None:
         """One predict(): a new slot that nothing has come for yet."""
-        if self.end == self.capacity:
-            self.compact()
         i = self.end
         if self.arrivals[i - 1] == NEVER:
             self.irregular = self.now
@@ -113,6 +111,8 @@ class Ring:
             self._advance_known(i, known)
         if self.spread and self.limits.by_arrival:
             self._expire()
+        if self.end == self.capacity:
+            self.compact()
 
     def _advance_known(self, i: int, known: Array | None) -> None:
         F = self.plan.model.F
@@ -315,20 +315,50 @@ class Ring:
             length,
         )
 
-    def plain_estimate(self, form: int) -> Array:
-        """x of a plain window in the client's form, by nothing but the product."""
-        length = self.length
-        view = self.free[self.end - length : self.end].reshape(-1, 1) if form == 2 else self.free[self.end - length : self.end].reshape(-1)
-        gain: Array = self.plan.gain(length)  # type: ignore[assignment]
-        return gain.dot(view)
+    def views(self, form: int) -> list[Array]:
+        """The full window that ends at each slot, in the client's form: a look-up costs less than a slice."""
+        m, N = self.free.shape[1], self.limits.horizon
+        shape = (-1, 1) if form == 2 else (-1,)
+        return [self.flat[max(end - N, 0) * m : end * m].reshape(shape) for end in range(self.capacity + 1)]
 
-    def last_two(self) -> tuple[Solution, Solution]:
-        """The estimates of the step before and of this one, in a plain window."""
-        now = self._plain(self.length)
-        self.end -= 1
-        before = self._plain(self.length)
-        self.end += 1
-        return before, now  # type: ignore[return-value]
+    def hot_estimate(self) -> Array | None:
+        """x of a window with holes as flat (dim_x,), None where it takes more than normal equations."""
+        length, limits = self.length, self.limits
+        span = self._span(length)
+        weights = self.weights[self.end - span : self.end]
+        if np.count_nonzero(weights) < min(limits.horizon, limits.instants):
+            return None
+        if span > PATTERN_STEPS:
+            return self._normal(span, weights)
+        pattern = self.plan.pattern(weights.tobytes())
+        return pattern.weighted_gain.dot(self.free[self.end - span : self.end].reshape(-1)) if pattern.determined else None
+
+    def hole(self) -> None:
+        """The hot path's update(None): a slot that stays empty."""
+        i = self.end
+        self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
+        self.irregular = self.base + i
+        self.end = i + 1
+        if self.end == self.capacity:
+            self.compact()
+
+    def last_row(self) -> int:
+        """Step of the newest row."""
+        i = self.end - 1
+        while self.arrivals[i] == NEVER:
+            i -= 1
+        return self.base + i
+
+    def solve_at(self, step: int) -> Solution:
+        """The estimate as it stood at an earlier step, whose window must have had one."""
+        end, self.end = self.end, step - self.base + 1
+        try:
+            solution = self.solve()
+        finally:
+            self.end = end
+        if solution is None:
+            raise RuntimeError(f"the window of step {step} has no estimate")
+        return solution
 
     def _holed(self, length: int) -> Solution | None:
         plan, limits = self.plan, self.limits
@@ -357,7 +387,7 @@ class Ring:
             return None
         eta = basis.project @ self.free[self.end - span : self.end].reshape(-1)
         factor, solution, info = _solver()((basis.grams @ weights).reshape(r, r), eta)
-        if info or factor.diagonal().min() < WEAK_PIVOT:
+        if info or min(factor.diagonal().tolist()) < WEAK_PIVOT:
             return None
         x = basis.back @ solution
         return x if self.x_u is None else x + self.x_u

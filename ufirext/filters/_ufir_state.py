@@ -46,9 +46,20 @@ class UFIRState(FilterState):
         self.ready_at: int | None = None  # step of the last update that left the filter ready
         self.dropped = 0
         self.mode = SLOW
+        self.lazy = False  # x is worked out when it is read
+        self.hot_x: Array | None = None  # x after the last hot update, unless lazy
+        self.product: Any = None  # G.dot of the full window
+        self.views: list[Array] = []
         self.seen = 0  # step up to which the published fields are worked out
 
     # -- horizon ----------------------------------------------------------------------------------------------
+
+    def write_x(self, value: Any) -> None:
+        """x assigned from outside; its form becomes the client's form."""
+        form = self.form
+        super().write_x(value)
+        if self.form != form:
+            self.product = None  # the views have the old form
 
     def set_policy(self, horizon: int | str) -> None:
         """Another horizon, from the next verb on."""
@@ -107,6 +118,7 @@ class UFIRState(FilterState):
         return F is self.F.value and Q is self.Q.value and self.index is not None
 
     def _ring(self, now: int) -> Ring:
+        self.product = None
         self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
         return Ring(plan(self._model(), self.limits.horizon), self.limits, now)
 
@@ -217,23 +229,75 @@ class UFIRState(FilterState):
         ring = self.engine
         if (
             isinstance(ring, Ring)
-            and ring.plain
             and ring.raw is None
             and self.ready_at == self.now
-            and (ring.length <= GROWING_GAINS or ring.length == ring.limits.horizon)
+            and self.missing == "extend"
             and not self.watching
             and self._P_handed is None
             and not self.stale
         ):
             self.mode, self.seen = POSTED, ring.now
+            self._choose_product(ring)
+            self.hot_x = None if self.lazy else self.shaped(self.x)
+
+    def _choose_product(self, ring: Ring) -> None:
+        """Whether x can wait until it is read: a full window without holes is one product."""
+        self.lazy = ring.length == ring.limits.horizon and ring.plain
+        if self.lazy and self.product is None:
+            gain = ring.plan.gain(ring.limits.horizon)
+            self.product = None if gain is None else gain.dot
+            self.views = ring.views(self.form)
+            self.lazy = self.product is not None
+
+    def take(self, z: Any) -> bool:
+        """The hot path's update(); False, with nothing done, where the slow path is needed."""
+        ring: Ring = self.engine  # type: ignore[assignment]
+        if z is None:
+            if ring.now - self.seen >= ring.limits.horizon:
+                return False
+            x = self.F.value.dot(self.posted_x())
+            ring.hole()
+            self.hot_x, self.lazy = x, False
+            return True
+        if not ring.store(z):
+            return False
+        if self.lazy:
+            return True
+        if ring.plain:
+            length = ring.length
+            if length == ring.limits.horizon:
+                self._choose_product(ring)
+                if self.lazy:
+                    return True
+            if length <= GROWING_GAINS:
+                gain = ring.plan.gain(length)
+                flat = None if gain is None else gain.dot(ring.flat[(ring.end - length) * self.dim_z : ring.end * self.dim_z])
+            else:
+                flat = ring.hot_estimate()
+        else:
+            flat = ring.hot_estimate()
+        if flat is None:
+            ring.end -= 1
+            return False
+        self.hot_x = flat.reshape(-1, 1) if self.form == 2 else flat
+        return True
+
+    def posted_x(self) -> Array:
+        """x after the last update on the hot path, in the client's form."""
+        if self.lazy:
+            ring: Ring = self.engine  # type: ignore[assignment]
+            x: Array = self.product(self.views[ring.end])  # type: ignore[misc]
+            return x
+        return self.hot_x  # type: ignore[return-value]
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            ring = self.engine
-            x = ring.plain_estimate(self.form)  # type: ignore[union-attr]
+            x = self.posted_x()
             if self.mode == PREDICTED:
                 x = self.F.value.dot(x)
+            elif not self.lazy:
+                x = x.copy()
             self._x_handed, self._x_raw = x, x.tobytes()
             return x
         return super().hand_out_x()
@@ -243,15 +307,19 @@ class UFIRState(FilterState):
         if not self.mode:
             return self
         ring: Ring = self.engine  # type: ignore[assignment]
-        F, Q = self.F.value, self.Q.value
-        if ring.now != self.seen:
-            earlier, solution = ring.last_two()
-            x, P = F @ earlier.x, earlier.covariance.predicted(F, Q, self.fading)
-            z, mask = ring.free[ring.end - 1].copy(), np.ones(self.dim_z, dtype=bool)
-            self.last = Update(z, self.H.value, self.R.value, mask, x, P, solution.newest_gain)
-            self.prior, self.post = (x, P), (solution.x, solution.covariance)
-            self.solution, self.seen = solution, ring.now
-            self.now = self.ready_at = ring.now
+        F, Q, now = self.F.value, self.Q.value, ring.now
+        if now != self.seen:
+            before, P_before = self._stood(now - 1)
+            x, P = self._stood(now)
+            came = bool(ring.arrivals[ring.end - 1] == now)
+            self.prior = F @ before, P_before.predicted(F, Q, self.fading)
+            self.post = (x, P) if came else self.prior
+            mask = np.full(self.dim_z, came)
+            none = Covariance.of(np.zeros((self.dim_x, 0)))
+            gain = self.solution.newest_gain if came and self.solution is not None else none
+            z = ring.free[ring.end - 1].copy() if came else None
+            self._last = (z, self.H.value, self.R.value, mask, *self.prior, gain, None)
+            self.now = self.seen = now
             self.updated = True
         self.x, self.P = self.post
         if self.mode == PREDICTED:
@@ -259,6 +327,20 @@ class UFIRState(FilterState):
         if self._x_handed is not None:
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
         return self
+
+    def _stood(self, step: int) -> tuple[Array, Covariance]:
+        """x and P after the update of a step on the hot path."""
+        ring: Ring = self.engine  # type: ignore[assignment]
+        came, (x, P) = self.seen, self.post
+        for earlier in range(step, self.seen, -1):
+            if ring.arrivals[earlier - ring.base] == earlier:
+                came, solution = earlier, ring.solve_at(earlier)
+                x, P = solution.x, solution.covariance
+                self.solution, self.ready_at = solution, earlier
+                break
+        for _ in range(step - came):
+            x, P = self.F.value @ x, P.predicted(self.F.value, self.Q.value, self.fading)
+        return x, P
 
     def settle(self) -> None:
         """Leave the hot path, and honour everything that was edited in place since the last verb."""
@@ -307,7 +389,7 @@ class UFIRState(FilterState):
         fork = object.__new__(type(self))
         live = {"F", "H", "Q", "R", "M", "B"}
         fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
-        fork._x_handed = fork._P_handed = None
+        fork._x_handed = fork._P_handed = fork.product = None
         if self.engine is not None:
             fork.engine = self.engine.copy()
             fork.anchor = tuple(
@@ -318,7 +400,7 @@ class UFIRState(FilterState):
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
-        return {**self.__dict__, "_x_handed": None, "_P_handed": None}
+        return {**self.__dict__, "_x_handed": None, "_P_handed": None, "product": None, "views": []}
 
 
 def engine_reach(limits: Limits) -> int:

@@ -127,7 +127,7 @@ class UFIRFilter(FilterSurface):
         state = self._state
         if state.mode == PREDICTED and R is None and H is None and delay == 0:
             x = state._x_handed
-            if (x is None or x.tobytes() == state._x_raw) and state.engine.store(z):
+            if (x is None or x.tobytes() == state._x_raw) and state.take(z):
                 state._x_handed = None
                 state.mode = POSTED
                 return

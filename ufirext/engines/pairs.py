@@ -1,0 +1,198 @@
+"""The engine of a constant model for pairs of states: one product gives the newest state and a lagged one.
+
+It holds a full window of plain rows, one a step; anything else is for the folds.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array, readonly
+from ..joint import Joint, joint_gain
+from ..model import Model
+from ..window import Row, model_window
+from .covariance import Covariance
+from .records import Solution
+from .segmented import Lagged, Segmented
+
+__all__ = ["PairPlan", "PairRing", "pair_plan"]
+
+FLOAT = np.dtype(float)
+
+
+class PairPlan:
+    """The joint gain of a constant model's full window, computed when first needed and shared."""
+
+    def __init__(self, model: Model, horizon: int, lag: int) -> None:
+        self.model, self.horizon, self.lag = model, horizon, lag
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (pair_plan, (self.model, self.horizon, self.lag))
+
+    @cached_property
+    def joint(self) -> Joint:
+        """Gain and covariance of [x_n; x_{n-lag}], (2 dim_x, horizon dim_z) and (2 dim_x, 2 dim_x)."""
+        joint = joint_gain(model_window(self.model, self.horizon, self.lag))
+        K = readonly(np.ascontiguousarray(joint.K))
+        return Joint(K, joint.L, joint.prior, readonly(joint.P))
+
+    @cached_property
+    def P(self) -> Covariance:
+        """Error covariance of x_n."""
+        return Covariance.of(self.joint.P[: self.model.dim_x, : self.model.dim_x])
+
+    @cached_property
+    def newest_gain(self) -> Covariance:
+        """Gain of x_n on the newest row."""
+        return Covariance.of(self.joint.K[: self.model.dim_x, -self.model.dim_z :])
+
+
+class PairRing:
+    """The last measurements of a constant model in a buffer whose window moves by one slot a row."""
+
+    def __init__(self, plan: PairPlan, rows: Array, now: int) -> None:
+        self.plan, m = plan, plan.model.dim_z
+        horizon = plan.horizon
+        # One slot more than the window: the estimate before the newest row can still be asked for.
+        self.keep = horizon + 1
+        self.capacity = self.keep + max(horizon, 256)
+        self.free = np.zeros((self.capacity, m))
+        self.free[1 : self.keep] = rows
+        self.end, self.base = self.keep, now - horizon
+        self.single, self.ones = m == 1, np.ones(m)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        self.flat = self.free.reshape(-1)
+        self.product = self.plan.joint.K.dot
+        self.views: list[Array] = []
+        self.form = 0
+        self.last: tuple[int, Array] | None = None
+
+    @classmethod
+    def of(cls, plan: PairPlan, engine: Segmented) -> PairRing | None:
+        """A ring with the engine's past, if that ends in a full window of plain rows."""
+        model, first = plan.model, engine.now - plan.horizon + 1
+        rows = engine.rows[-plan.horizon :]
+        if [row.origin for row in rows] != list(range(first, engine.now + 1)) or engine.after is not None:
+            return None
+        for row in rows:
+            plain = row.arrival == row.origin and row.shift is None
+            if not (plain and np.array_equal(row.H, model.H) and np.array_equal(row.R, model.R)):
+                return None
+        for step in (engine.step(row.origin) for row in rows[1:]):
+            same = np.array_equal(step.F, model.F) and np.array_equal(step.Q, model.Q)
+            if not same or step.known is not None:
+                return None
+        return cls(plan, np.array([row.z for row in rows]), engine.now)
+
+    @property
+    def now(self) -> int:
+        """Step of the newest row."""
+        return self.base + self.end - 1
+
+    def store(self, z: Any) -> bool:
+        """A measurement of the next step, if it is a plain finite one in floats; else nothing is done."""
+        i = self.end
+        try:
+            if self.single:
+                value = z if type(z) is float else z.item()
+                if value - value != 0.0:
+                    return False
+                self.flat[i] = value
+            else:
+                if z.dtype is not FLOAT or z.size != self.free.shape[1] or z.ndim > 2:
+                    return False
+                self.free[i] = z if z.ndim == 1 else z.reshape(-1)
+                total = self.ones.dot(self.free[i])
+                if total - total != 0.0:
+                    return False
+        except (AttributeError, TypeError, ValueError):
+            return False
+        self.end = i + 1
+        if self.end == self.capacity:
+            self.free[: self.keep] = self.free[self.end - self.keep :].copy()
+            self.base, self.end = self.base + self.end - self.keep, self.keep
+        return True
+
+    def pair(self, form: int) -> Array:
+        """[x_n; x_{n-lag}] in the client's form, by nothing but the product."""
+        if form != self.form:
+            shape = (-1, 1) if form == 2 else (-1,)
+            horizon = self.plan.horizon
+            self.views = [
+                self.free[max(stop - horizon, 0) : stop].reshape(shape) for stop in range(self.capacity)
+            ]
+            self.form = form
+        pair: Array = self.product(self.views[self.end])
+        self.last = (self.now, pair)
+        return pair
+
+    def solve(self) -> Solution:
+        """The newest state as of the newest row."""
+        return self._solution(self._known()[: self.plan.model.dim_x].copy())
+
+    def solve_before(self) -> Solution:
+        """The newest state as of the row before."""
+        rows = self.free[self.end - 1 - self.plan.horizon : self.end - 1]
+        return self._solution(self.plan.joint.K[: self.plan.model.dim_x] @ rows.reshape(-1))
+
+    def _solution(self, x: Array) -> Solution:
+        gain = self.plan.newest_gain
+        return Solution(x, self.plan.P, gain, gain, self.plan.horizon)
+
+    def lagged(self) -> Lagged:
+        """The lagged state as of the newest row."""
+        n, P = self.plan.model.dim_x, self.plan.joint.P
+        return Lagged(self._known()[n:].copy(), P[n:, n:], P[:n, n:])
+
+    def _known(self) -> Array:
+        """The pair as a flat array, worked out once a row."""
+        pair = self.last[1] if self.last is not None and self.last[0] == self.now else self.pair(1)
+        return pair.reshape(-1)
+
+    def segmented(self) -> Segmented:
+        """The rows of the window for the engine of windows of any kind, around a trajectory close to them."""
+        model, low = self.plan.model, self.end - self.plan.horizon
+        engine = Segmented(model.F, model.Q, self.base + low, self._near(low))
+        gain = self.plan.newest_gain.value
+        for i in range(low, self.end):
+            if i > low:
+                engine.advance(model.F, model.Q, None)
+            z = self.free[i].copy()
+            engine.add(Row(engine.now, engine.now, model.H, model.R, z))
+            engine.center = engine.center + gain @ (z - model.H @ engine.center)
+        return engine
+
+    def _near(self, low: int) -> Array:
+        """A state that explains the first measurements of the window."""
+        model = self.plan.model
+        head = model_window(model, min(model.dim_x, self.plan.horizon))
+        z = self.free[low : low + len(head.H)] @ head.W[0].T
+        scaled = np.linalg.lstsq(head.C / head.scale, z.reshape(-1), rcond=1e-8)[0]
+        return np.asarray(scaled / head.scale)
+
+    def copy(self) -> PairRing:
+        """An independent copy."""
+        fork = object.__new__(type(self))
+        fork.__dict__.update(self.__dict__)
+        fork.free = self.free.copy()
+        fork._prepare()
+        return fork
+
+    def __getstate__(self) -> dict[str, Any]:
+        torn = {"flat", "product", "views", "form", "last"}
+        return {name: value for name, value in self.__dict__.items() if name not in torn}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._prepare()
+
+
+@lru_cache(maxsize=128)
+def pair_plan(model: Model, horizon: int, lag: int) -> PairPlan:
+    """The shared plan of a model, a horizon and a lag."""
+    return PairPlan(model, horizon, lag)

@@ -1,0 +1,317 @@
+"""What an FMSFilterSmoother remembers: a ring while all is regular, folds of segments when it is not."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array, integer
+from ..engines.covariance import Covariance
+from ..engines.pairs import PairRing, pair_plan
+from ..engines.records import Limits, Solution
+from ..engines.segmented import Lagged, Prior, Segmented
+from ..errors import CovarianceError, UnobservableWindow
+from ..gains import observability_index
+from ..model import Model
+from ..window import Row, model_window
+from ._state import FilterState
+from ._ufir_state import POSTED, PREDICTED, SLOW
+from ._update import innovation_gain, joseph
+
+
+class FMSState(FilterState):
+    """Minimum variance over a window, for the newest state and a lagged one; a Kalman filter until it suffices."""
+
+    def __init__(self, dim_x: int, dim_z: int, horizon: int, lag: int) -> None:
+        super().__init__(dim_x, dim_z)
+        self.horizon, self.lag = horizon, lag
+        self.index: int | None = None
+        self.unchecked = True  # whether the model has still to be looked at
+        self.engine: Segmented | PairRing | None = None
+        self.anchor: tuple[Array, ...] = ()  # F, H, Q, R the ring was made for
+        self.tried = 0  # step at which a ring was last looked for
+        self.solution: Solution | None = None
+        self.ready_at: int | None = None  # step of the last update that left the filter ready
+        self.dropped = 0
+        self.known: Prior | None = None  # what the Kalman filter of the warm-up started from
+        self.own_P = self.P
+        self.lag_at = 0  # step of the last update
+        self.lagged_then: Lagged | None = None  # of the last update, once somebody asked
+        self.mode = SLOW
+        self.seen = 0  # step up to which the published fields are worked out
+
+    # -- horizon and lag --------------------------------------------------------------------------------------
+
+    @property
+    def limits(self) -> Limits:
+        """The window's rules."""
+        return Limits(self.horizon, (self.index or 1) + 2, True, False)
+
+    def set_window(self, horizon: int, lag: int) -> None:
+        """Another horizon and lag, from the next verb on."""
+        if self.engine is not None:
+            self._folds()
+        self.horizon, self.lag = horizon, lag
+        self.unchecked, self.lagged_then = True, None
+
+    def check(self) -> None:
+        """Look at the model once: raise if the window can never determine the states though a longer one could."""
+        self.unchecked = False
+        model = self._model()
+        self.index = observability_index(model)
+        if self.index is None:
+            return
+        if self.horizon < self.index:
+            raise UnobservableWindow(
+                f"horizon must be at least {self.index} for this model (the shortest window that determines its "
+                f"{self.dim_x} states), got {self.horizon}; lengthen the horizon or measure another state",
+                shortest=self.index,
+            )
+        if self.lag and not model_window(model, self.horizon, self.lag).determined():
+            raise UnobservableWindow(
+                f"a window of {self.horizon} steps must determine the state {self.lag} steps ago, it cannot; "
+                f"shorten the lag, lengthen the horizon or measure another state"
+            )
+
+    def _model(self) -> Model:
+        return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
+
+    # -- engines ----------------------------------------------------------------------------------------------
+
+    def _begin(self, F: Array, Q: Array) -> Segmented | PairRing:
+        if self.unchecked:
+            self.check()
+        if self.engine is None:
+            self.known, self.own_P = Prior(self.now, self.x, self.P.value), self.P
+            self.engine = Segmented(F, Q, self.now, self.x)
+        return self.engine
+
+    def _ring(self, engine: Segmented, F: Array, Q: Array) -> PairRing | None:
+        """A ring in place of the folds, if their window is full and plain; looked for once a horizon."""
+        regular = F is self.F.value and Q is self.Q.value and self.index is not None
+        if not regular or self.now - self.tried < self.horizon:
+            return None
+        self.tried = self.now
+        ring = PairRing.of(pair_plan(self._model(), self.horizon, self.lag), engine)
+        if ring is not None:
+            self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
+        return ring
+
+    def _folds(self) -> Segmented:
+        """The engine for everything that a ring cannot hold."""
+        engine = self.engine
+        if isinstance(engine, PairRing):
+            self.pair()
+            folds = engine.segmented()
+            folds.start = engine.now - self.horizon + 1
+            if engine.now < self.now:
+                folds.advance(self.anchor[0], self.anchor[2], None)
+            self.engine = engine = folds
+        if engine is None:
+            raise RuntimeError("the filter has not begun")
+        self.tried = self.now
+        return engine
+
+    # -- verbs ------------------------------------------------------------------------------------------------
+
+    def predict(self, F: Array, Q: Array, known: Array | None) -> None:
+        """Time update by F, Q and a known change of the state."""
+        written = self.P is not self.own_P
+        super().predict(F, Q, known)
+        if written and self.known is not None:
+            self.known = Prior(self.now, self.x, self.P.value)
+
+    def update(
+        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
+    ) -> None:
+        """Measurement update; z flat with NaN for missing components, or None."""
+        if self.P is not self.own_P and self.known is not None and not self.updated:
+            self.known = Prior(self.now, self.x, self.P.value)
+        self.lag_at, self.lagged_then = self.now, None
+        super().update(z, H, R, delay, cross, whole)
+
+    def _publish(self, x: Array, P: Covariance) -> None:
+        super()._publish(x, P)
+        self.own_P = P
+
+    def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
+        engine = self._begin(F, Q)
+        if isinstance(engine, Segmented) and known is None:
+            engine = self.engine = self._ring(engine, F, Q) or engine
+        if isinstance(engine, PairRing):
+            if F is self.anchor[0] and Q is self.anchor[2] and known is None and engine.now == self.now:
+                return
+            engine = self._folds()
+        engine.center = self.x
+        engine.advance(F, Q, known)
+
+    def _moved(self, delta: Array) -> None:
+        if self.engine is not None:
+            self._folds().edit(delta, self.updated)
+
+    def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
+        if not R.any():
+            raise CovarianceError(
+                "R must not be zero, because its inverse weights the rows of the window, got zeros; "
+                "give the variance of the sensor's resolution"
+            )
+        engine = self._begin(self.F.value, self.Q.value)
+        if delay >= self.horizon:
+            self.dropped += 1
+            return None
+        if isinstance(engine, PairRing):
+            plain = delay == 0 and engine.now == self.now - 1
+            if (
+                plain
+                and H is self.anchor[1]
+                and R is self.anchor[3]
+                and engine.store(z if len(z) > 1 else z[0])
+            ):
+                return self._solved(engine.solve())
+        folds = self._folds()
+        row = Row(self.now - delay, self.now, H, R, z)
+        if folds.negligible(row):
+            return None
+        folds.add(row)
+        folds.forget(self.limits)
+        solution = folds.solve(self.limits)
+        if solution is not None:
+            return self._solved(solution)
+        self.solution = None
+        if self.known is None:
+            self.known = Prior(self.now, self.x, self.P.value)
+        if delay:
+            return Covariance.of(np.zeros((self.dim_x, len(z))))
+        return self._kalman(z, H, R, cross)
+
+    def _solved(self, solution: Solution) -> Covariance:
+        self.solution, self.ready_at, self.known = solution, self.now, None
+        self._publish(solution.x, solution.covariance)
+        return solution.newest_gain
+
+    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
+        """The book's update, for as long as the rows do not determine the state."""
+        P = self.P.value
+        cross = None if cross is None or len(z) != cross.shape[1] else cross
+        K, S = innovation_gain(P, H, R, cross)
+        posterior = joseph(P, K, H, R) if cross is None else P - K @ S @ K.T
+        self._publish(self.x + K @ (z - H @ self.x), Covariance.of(posterior))
+        return Covariance.of(K)
+
+    # -- the hot path -----------------------------------------------------------------------------------------
+
+    def warm(self) -> None:
+        """Go over to the hot path if nothing stands against it."""
+        ring = self.engine
+        settled = not self.watching and self._P_handed is None
+        if isinstance(ring, PairRing) and ring.now == self.now == self.ready_at and settled:
+            self.mode, self.seen = POSTED, ring.now
+
+    def take(self, z: Any) -> bool:
+        """The hot path's update(); False, with nothing done, where the slow path is needed."""
+        ring = self.engine
+        return isinstance(ring, PairRing) and ring.store(z)
+
+    def hand_out_x(self) -> Array:
+        """The state, editable; edits count from the next verb on."""
+        ring = self.engine
+        if self._x_handed is None and self.mode and isinstance(ring, PairRing):
+            x = ring.pair(self.form)[: self.dim_x]
+            x = self.F.value.dot(x) if self.mode == PREDICTED else x.copy()
+            self._x_handed, self._x_raw = x, x.tobytes()
+            return x
+        return super().hand_out_x()
+
+    def look(self) -> FMSState:
+        """Work out what the hot path left out; every field is then what the slow path would have made it."""
+        ring = self.engine
+        if not self.mode or not isinstance(ring, PairRing):
+            return self
+        F, Q = self.F.value, self.Q.value
+        if ring.now != self.seen:
+            before, solution = ring.solve_before(), ring.solve()
+            self.prior = F @ before.x, before.covariance.predicted(F, Q, self.fading)
+            self.post = solution.x, solution.covariance
+            z, mask = ring.free[ring.end - 1].copy(), np.ones(self.dim_z, dtype=bool)
+            self._last = (z, self.H.value, self.R.value, mask, *self.prior, solution.newest_gain, None)
+            self.solution = solution
+            self.now = self.seen = self.ready_at = self.lag_at = ring.now
+            self.updated, self.lagged_then = True, None
+        self.x, self.P = self.post
+        if self.mode == PREDICTED:
+            self.x, self.P = self.prior = F @ self.x, self.P.predicted(F, Q, self.fading)
+        self.own_P = self.P
+        if self._x_handed is not None:
+            self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
+        return self
+
+    def settle(self) -> None:
+        """Leave the hot path, and honour everything that was edited in place since the last verb."""
+        if self.mode:
+            self.look()
+            if self.mode == PREDICTED:
+                self.now += 1
+                self.updated = False
+            self.mode = SLOW
+        super().settle()
+
+    # -- what the window says ---------------------------------------------------------------------------------
+
+    @property
+    def ready(self) -> bool:
+        """Whether the rows the window reaches determine the state."""
+        if self.solution is None or self.engine is None:
+            return False
+        if self.ready_at == self.now or isinstance(self.engine, PairRing):
+            return True
+        return self.engine.select(self.limits) is not None
+
+    def pair(self) -> Lagged:
+        """The lagged state as of the last update()."""
+        ring = self.engine
+        if self.mode and isinstance(ring, PairRing):
+            return ring.lagged()
+        if self.lagged_then is None:
+            self.lagged_then = self._lagged(self.lag)
+        return self.lagged_then
+
+    def lagged(self, lag: int) -> Lagged:
+        """The state `lag` steps before the last update(), from everything that had come by then."""
+        lag = integer(lag, "lag", 0, self.horizon - 1, "the window holds horizon states")
+        return self.pair() if lag == self.lag else self._lagged(lag)
+
+    def _lagged(self, lag: int) -> Lagged:
+        engine = self.engine
+        if engine is None:
+            return Lagged(self.x, self.P.value, self.P.value)
+        if isinstance(engine, PairRing):
+            if lag == self.lag and engine.now == self.lag_at:
+                return engine.lagged()
+            engine = self._folds()
+        found = engine.lagged(max(self.lag_at - lag, 0), self.lag_at, self.known)
+        if found is None:
+            raise UnobservableWindow(
+                f"the window must determine the state {lag} steps before the last update, it does not (yet); "
+                f"feed more measurements, shorten the lag or lengthen the horizon"
+            )
+        return found
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> FMSState:
+        self.settle()
+        fork = object.__new__(type(self))
+        live = {"F", "H", "Q", "R", "M", "B"}
+        fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
+        fork._x_handed = fork._P_handed = None
+        if self.engine is not None:
+            fork.engine = self.engine.copy()
+            fork.anchor = tuple(
+                getattr(fork, name).value if old is getattr(self, name).value else old
+                for name, old in zip("FHQR", self.anchor, strict=False)
+            )
+        return fork
+
+    def __getstate__(self) -> dict[str, Any]:
+        self.settle()
+        return {**self.__dict__, "_x_handed": None, "_P_handed": None}

@@ -1,0 +1,262 @@
+"""FMSFilterSmoother: the minimum-variance finite-memory filter and smoother behind filterpy's verbs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array, integer
+from ._describe import describe
+from ._fms_state import FMSState
+from ._surface import FilterSurface
+from ._ufir_state import POSTED, PREDICTED
+
+__all__ = ["FMSFilterSmoother"]
+
+
+class FMSFilterSmoother(FilterSurface):
+    """Minimum-variance unbiased filter and fixed-lag smoother over a finite window, with filterpy's verbs.
+
+    The estimates of the newest state and of the one `lag` steps ago from the measurements of the last `horizon`
+    steps, best under the model's Q and R and independent of everything before: a disturbance is forgotten after
+    `horizon` steps, and noise-free data give the exact states.
+
+    Parameters
+    ----------
+    dim_x, dim_z : int
+        Numbers of states and of measured components.
+    dim_u : int, optional
+        Number of inputs, 0 for any.
+    horizon : int
+        Length of the window in steps.
+    lag : int, optional
+        Steps from the newest state back to the smoothed one, 0 <= lag < horizon.
+
+    Attributes
+    ----------
+    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood, mahalanobis
+        As in filterpy; x and P are x_{n|n} and its error covariance. R must not be zero.
+
+    Raises
+    ------
+    HorizonError
+        For a horizon or lag out of range.
+    UnobservableWindow
+        From the first verb, if the window can never determine the states; from `x_lag` and its kin, while the
+        window does not determine that state.
+
+    Notes
+    -----
+    Kim (2019), "A unified finite memory structure filter and smoother": the paper's window length M is `horizon`,
+    its lag d is lag + 1, and its x^_i is `x_prior` (the newest measurement is z_{i-1} there). Until the rows
+    determine the state the filter is the Kalman filter of x, P, Q, R. A constant model without holes costs one
+    product of a constant gain a step; time-varying models, missing and late measurements, inputs and edits of x go
+    through associative segments, exactly and at a cost that does not grow with the horizon. The window holds
+    the states of the last `horizon` steps, and reaches further back while it holds too few measurements.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ufirext import FMSFilterSmoother
+    >>> f = FMSFilterSmoother(dim_x=2, dim_z=1, horizon=8, lag=3)
+    >>> f.F, f.H = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    >>> for z in range(10):
+    ...     f.predict()
+    ...     f.update(2.0 * z)
+    >>> f.x.round(6).ravel(), f.x_lag.round(6).ravel()
+    (array([18.,  2.]), array([12.,  2.]))
+    """
+
+    _state: FMSState
+
+    def __init__(self, dim_x: int, dim_z: int, dim_u: int = 0, *, horizon: int, lag: int = 0) -> None:
+        dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
+        dim_u = integer(dim_u, "dim_u", 0)
+        horizon, lag = _window(horizon, lag)
+        super().__init__(dim_x, dim_z, dim_u, FMSState(dim_x, dim_z, horizon, lag))
+
+    @classmethod
+    def from_filterpy(cls, kf: Any, horizon: int, lag: int = 0) -> FMSFilterSmoother:
+        """An FMSFilterSmoother with the model and state of a configured filterpy KalmanFilter.
+
+        Parameters
+        ----------
+        kf : filterpy.kalman.KalmanFilter
+            Or any object with its attributes.
+        horizon, lag : int
+        """
+        new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, lag=lag)
+        for name in ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha"):
+            setattr(new, name, getattr(kf, name))
+        new.inv = kf.inv
+        return new
+
+    # -- the two verbs, with their hot path -------------------------------------------------------------------
+
+    @property
+    def x(self) -> Array:
+        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
+        x = self._state._x_handed
+        return self._state.hand_out_x() if x is None else x
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._state.write_x(value)
+
+    def predict(
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+    ) -> None:
+        state = self._state
+        if state.mode == POSTED and u is None and F is None and Q is None:
+            x = state._x_handed
+            if x is None or x.tobytes() == state._x_raw:
+                state._x_handed = None
+                state.mode = PREDICTED
+                return
+        super().predict(u, B, F, Q)
+
+    def update(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
+    ) -> None:
+        state = self._state
+        if state.mode == PREDICTED and R is None and H is None and delay == 0:
+            x = state._x_handed
+            if (x is None or x.tobytes() == state._x_raw) and state.take(z):
+                state._x_handed = None
+                state.mode = POSTED
+                return
+        super().update(z, R, H, delay=delay)
+
+    # -- the lagged state -------------------------------------------------------------------------------------
+
+    @property
+    def x_lag(self) -> Array:
+        """The state `lag` steps before the last update(), in the form of x, a copy.
+
+        During the first steps, when the window does not reach back as far, the oldest state it holds.
+        """
+        return self._state.shaped(self._state.pair().x)
+
+    @property
+    def P_lag(self) -> Array:
+        """Error covariance of `x_lag`, (dim_x, dim_x), a copy."""
+        return np.array(self._state.pair().P)
+
+    @property
+    def P_cross(self) -> Array:
+        """E[(error of x_post) (error of x_lag)'], (dim_x, dim_x), a copy."""
+        return np.array(self._state.pair().cross)
+
+    def smoothed(self, lag: int) -> tuple[Array, Array]:
+        """The state `lag` steps before the last update(), from the same window, and its error covariance.
+
+        Costs a pass over the window unless it is the filter's own lag.
+
+        Parameters
+        ----------
+        lag : int
+            0 <= lag < horizon.
+
+        Returns
+        -------
+        x : ndarray, in the form of `x`
+        P : ndarray, (dim_x, dim_x)
+
+        Raises
+        ------
+        UnobservableWindow
+            While the window does not determine that state.
+        """
+        self._state.settle()
+        found = self._state.lagged(lag)
+        return self._state.shaped(found.x), found.P.copy()
+
+    def predicted(self, steps: int) -> tuple[Array, Array]:
+        """The state `steps` ahead under the present F and Q without input, and its covariance.
+
+        Returns
+        -------
+        x : ndarray, in the form of `x`
+        P : ndarray, (dim_x, dim_x)
+        """
+        state = self._state
+        state.settle()
+        x, P = state.x, state.P
+        for _ in range(integer(steps, "steps", 0)):
+            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value)
+        return state.shaped(x), P.value.copy()
+
+    # -- the window -------------------------------------------------------------------------------------------
+
+    @property
+    def ready(self) -> bool:
+        """True once the measurements in the window determine the state."""
+        return self._state.look().ready
+
+    @property
+    def horizon(self) -> int:
+        """Length of the window, steps; may be assigned."""
+        return self._state.horizon
+
+    @horizon.setter
+    def horizon(self, value: int) -> None:
+        self._state.settle()
+        self._state.set_window(*_window(value, self._state.lag))
+
+    @property
+    def lag(self) -> int:
+        """Steps from the newest state back to the smoothed one; may be assigned."""
+        return self._state.lag
+
+    @lag.setter
+    def lag(self, value: int) -> None:
+        self._state.settle()
+        self._state.set_window(*_window(self._state.horizon, value))
+
+    @property
+    def rows(self) -> int:
+        """Number of steps in the window with a measurement."""
+        solution = self._state.look().solution
+        return 0 if solution is None else solution.rows
+
+    @property
+    def dropped(self) -> int:
+        """Number of measurements that came too late to join the window."""
+        return self._state.dropped
+
+    def certify(self, **options: Any) -> Any:
+        """Certify the gain of the full window under the filter's model; see `ufirext.certify`.
+
+        Parameters
+        ----------
+        **options
+            Keywords of `ufirext.certify`: objective, solver.
+
+        Returns
+        -------
+        Certificate
+        """
+        from ..certificates import certify
+        from ..minimum_variance import minimum_variance_gain
+        from ..model import Model
+
+        state = self._state
+        state.settle()
+        model = Model(state.F.value, state.H.value, state.Q.value, state.R.value)
+        return certify(minimum_variance_gain(model, state.horizon, state.lag), model, **options)
+
+    def __repr__(self) -> str:
+        return describe(self, extra=("horizon", "lag", "ready", "rows"))
+
+
+def _window(horizon: Any, lag: Any) -> tuple[int, int]:
+    horizon = integer(horizon, "horizon", 1, advice="give a count of steps")
+    return horizon, integer(
+        lag, "lag", 0, horizon - 1, "the window holds horizon states, up to the newest one"
+    )
