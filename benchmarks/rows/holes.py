@@ -12,6 +12,7 @@ from benchmarks.harness import Contest, Row, Run
 from benchmarks.peers import kalman, ufir
 from benchmarks.streams import MODELS, columns, drive, model_of
 from ufirext import Model
+from ufirext.demo.simulate import Link, transmit
 
 Loop = Callable[[Any, int, int], object]
 """Drives a filter over the steps first..last of a stream and returns x."""
@@ -71,26 +72,26 @@ def weighted(states: int, horizon: int, steps: int) -> Contest:
 
 
 def delayed(states: int, horizon: int, steps: int) -> Contest:
-    """Three in ten rows are one to three steps late; KalmanFilter takes them as if on time."""
-    rng = np.random.default_rng(5)
+    """Three packets in ten are one to three steps late; KalmanFilter takes them as if on time."""
     zs = _stream(states, horizon, steps)
-    late = np.where(rng.random(len(zs)) < 0.3, rng.integers(1, 4, len(zs)), 0)
-    delays = np.minimum(late, np.arange(len(zs))).tolist()
-    stream = [(zs[n - delay], delay) for n, delay in enumerate(delays)]
+    arrivals = transmit(np.random.default_rng(5), len(zs), Link(late=0.3, longest=3))
+    stream = [[(zs[origin], delay) for origin, delay in packets] for packets in arrivals]
 
     def ours(f: Any, first: int, last: int) -> object:
         x = f.x
-        for z, delay in stream[first:last]:
+        for packets in stream[first:last]:
             f.predict()
-            f.update(z, delay=delay)
+            for z, delay in packets:
+                f.update(z, delay=delay)
             x = f.x
         return x
 
     def peer(f: Any, first: int, last: int) -> object:
         x = f.x
-        for z, _ in stream[first:last]:
+        for packets in stream[first:last]:
             f.predict()
-            f.update(z)
+            for z, _ in packets:
+                f.update(z)
             x = f.x
         return x
 
