@@ -210,6 +210,8 @@ def test_data_without_noise_give_a_result(tmp_path, position):
         ("--horizon", "long"),
         ("--horizon", "0"),
         ("--horizon", "1", "--order", "1"),
+        ("--horizon", "10001"),
+        ("--lag", "5000"),
         ("--horizon", "8", "--lag", "8"),
         ("--order", "3"),
         ("--lag", "-1"),

@@ -16,6 +16,7 @@ from .timing import Timing, pieces
 __all__ = ["Estimates", "Motion", "run"]
 
 AXES = 2
+LONGEST = 10_000  # steps in a window: longer ones would take gigabytes and mean nothing
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,8 @@ def run(
 
     Without `spread` standard deviations and NIS may be left NaN, which is faster.
     """
+    if motion.horizon > LONGEST:
+        raise HorizonError(f"horizon must be at most {LONGEST} steps, got {motion.horizon}")
     if motion.lag >= motion.horizon:
         raise HorizonError(f"lag must be below the horizon, {motion.horizon} steps, got {motion.lag}")
     stretches = pieces(axis, motion.horizon)
