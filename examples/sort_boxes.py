@@ -12,7 +12,7 @@ all that differs. Run it with `python examples/sort_boxes.py`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -204,8 +204,8 @@ def compare(scene: Scene, seeds: Iterable[int]) -> dict[str, list[Score]]:
     return results
 
 
-def main() -> None:
-    scene, seeds = Scene(), range(5)
+def main(scene: Scene = Scene(), seeds: Sequence[int] = range(5)) -> None:
+    """Print the comparison."""
     print(
         f"SORT, {scene.objects} objects x {scene.frames} frames x {len(seeds)} scenes; detections with "
         f"sigma = {scene.sigma:g} px, {100 * scene.missed:.0f} % missed"

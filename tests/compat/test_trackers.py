@@ -56,6 +56,14 @@ def test_sort_keeps_identities_and_positions(sort_boxes, scenes, name):
     compare(sort_boxes, scenes, run, name)
 
 
+def test_the_example_prints_one_line_a_filter(sort_boxes, capsys):
+    sort_boxes.main(sort_boxes.Scene(objects=2, frames=30), range(1))
+    heading, names, *lines = capsys.readouterr().out.splitlines()
+    assert "2 objects x 30 frames x 1 scenes" in heading
+    assert "identity switches" in names
+    assert [line[:26].strip() for line in lines] == list(sort_boxes.FILTERS)
+
+
 @UFIR
 def test_norfair_keeps_identities_and_positions(sort_boxes, scenes, name, monkeypatch):
     """Two points a box; a detection of low score hides a point, which norfair turns into zero rows of H."""
