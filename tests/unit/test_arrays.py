@@ -1,0 +1,147 @@
+"""What may enter the library, and what it says about the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.strategies import positive
+from ufirext import CovarianceError, HorizonError, NonFiniteError, ShapeError, UfirextError
+from ufirext._arrays import (
+    check_covariance,
+    column,
+    covariance,
+    finite,
+    integer,
+    matrix,
+    readonly,
+    real,
+    square,
+    symmetric,
+)
+
+
+@pytest.mark.parametrize("value", [1, [1, 2], [[1], [2]], np.array([True]), np.float32(2.5), [[]]])
+def test_real_makes_a_fresh_float64_array(value):
+    array = real(value, "A")
+    assert array.dtype == np.float64
+    np.testing.assert_array_equal(array, np.asarray(value, dtype=float))
+
+
+def test_real_never_shares_memory_with_the_caller():
+    mine = np.zeros(3)
+    assert not np.shares_memory(real(mine, "A"), mine)
+
+
+@pytest.mark.parametrize("value", [1j, [1 + 0j], "text", [[1], [2, 3]], {"a": 1}, [object()]])
+def test_real_refuses_what_is_no_array_of_real_numbers(value):
+    with pytest.raises(ShapeError, match="A must be an array of real numbers, got"):
+        real(value, "A")
+
+
+def test_finite_says_where_it_is_not():
+    with pytest.raises(NonFiniteError, match=r"A must be finite, got NaN or inf at \(0, 1\), \(1, 0\)"):
+        finite(np.array([[0, np.nan], [np.inf, 1]]), "A")
+    array = np.ones(2)
+    assert finite(array, "A") is array
+
+
+@pytest.mark.parametrize("large", [[1e200, 1e200], [-1e308, 1e308], [1e308, 1e308]])
+def test_large_numbers_are_finite(large):
+    array = np.array(large)
+    assert finite(array, "A") is array
+
+
+@pytest.mark.parametrize("bad", [[np.inf, -np.inf], [np.inf, 1.0], [np.nan, np.inf], [-np.inf, -np.inf]])
+def test_infinities_are_refused_without_a_warning(bad):
+    with pytest.raises(NonFiniteError, match="A must be finite"):
+        finite(np.array(bad), "A")
+
+
+def test_matrix_takes_the_shape_it_is_asked_for():
+    assert matrix([[1, 2], [3, 4]], (2, None), "A").shape == (2, 2)
+    assert matrix(3, (1, 1), "A").tolist() == [[3.0]]
+    with pytest.raises(ShapeError, match=r"H must have shape \(2, 4\) \(dim_z, dim_x\), got \(2, 3\)"):
+        matrix(np.ones((2, 3)), (2, 4), "H", "(dim_z, dim_x)")
+    with pytest.raises(ShapeError, match=r"H must have shape \(any, 4\), got \(4,\)"):
+        matrix(np.ones(4), (None, 4), "H")
+    with pytest.raises(ShapeError, match=r"F must have shape \(2, 2\), got \(\)"):
+        matrix(1.0, (2, 2), "F")
+
+
+def test_a_scalar_square_is_a_multiple_of_the_identity():
+    np.testing.assert_array_equal(square(2.0, 3, "Q"), 2.0 * np.eye(3))
+    with pytest.raises(NonFiniteError):
+        square(np.inf, 2, "Q")
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(0, 6), st.floats(-8, 8))
+def test_every_covariance_of_any_rank_and_scale_passes(seed, size, rank, exponent):
+    rng = np.random.default_rng(seed)
+    units = 10.0 ** rng.uniform(-exponent, exponent, size) if exponent > 0 else np.ones(size)
+    P = positive(rng, size, rank=min(rank, size)) * np.outer(units, units)
+    np.testing.assert_array_equal(covariance(P, size, "P"), P)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.floats(-12, 12))
+def test_a_negative_direction_never_passes(seed, size, exponent):
+    rng = np.random.default_rng(seed)
+    basis = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    values = rng.uniform(0.5, 2.0, size)
+    values[0] = -0.01
+    with pytest.raises(CovarianceError, match="P must be positive semidefinite"):
+        check_covariance(10.0**exponent * symmetric(basis * values @ basis.T), "P")
+
+
+def test_a_lopsided_matrix_is_no_covariance():
+    with pytest.raises(CovarianceError, match=r"R must be symmetric, got a difference of 0\.5 to its"):
+        covariance([[1.0, 0.5], [0.0, 1.0]], 2, "R")
+
+
+@pytest.mark.parametrize("value", [[1, 2], [[1, 2]], [[1], [2]], np.array([1.0, 2.0])])
+def test_a_column_comes_in_any_of_the_usual_forms(value):
+    np.testing.assert_array_equal(column(value, 2, "z"), [1.0, 2.0])
+
+
+@pytest.mark.parametrize("value", [[1], [1, 2, 3], [[1, 2], [3, 4]], np.ones((2, 2))])
+def test_a_column_of_another_size_is_refused(value):
+    with pytest.raises(ShapeError, match="z must hold 2 numbers, got shape"):
+        column(value, 2, "z")
+
+
+@pytest.mark.parametrize("value", [5, np.int64(5), np.uint8(5)])
+def test_integers_of_any_make_are_integers(value):
+    number = integer(value, "horizon", 1)
+    assert type(number) is int
+    assert number == 5
+
+
+@pytest.mark.parametrize("value", [5.0, "5", None, True, np.True_, [5], np.array([5, 6])])
+def test_what_is_no_integer_is_refused_with_advice(value):
+    with pytest.raises(HorizonError, match=r"horizon must be an integer, got .*; take 3"):
+        integer(value, "horizon", 1, advice="take 3")
+
+
+@pytest.mark.parametrize(("value", "wanted"), [(0, "at least 1"), (-3, "at least 1")])
+def test_an_integer_below_its_range_is_refused(value, wanted):
+    with pytest.raises(HorizonError, match=f"lag must be {wanted}, got {value}"):
+        integer(value, "lag", 1)
+
+
+def test_an_integer_above_its_range_is_refused():
+    with pytest.raises(HorizonError, match="lag must be between 0 and 4, got 5"):
+        integer(5, "lag", 0, 4)
+
+
+def test_readonly_arrays_cannot_be_written():
+    array = readonly(np.zeros(2))
+    with pytest.raises(ValueError, match="read-only"):
+        array[0] = 1.0
+
+
+@pytest.mark.parametrize("error", [ShapeError, NonFiniteError, CovarianceError, HorizonError])
+def test_every_refusal_is_a_value_error_of_the_library(error):
+    assert issubclass(error, UfirextError)
+    assert issubclass(error, ValueError)
