@@ -15,7 +15,7 @@ import numpy as np
 from .._arrays import Array
 from .columns import Columns, find_columns, normalised
 from .series import Integers, LeftOut, Mask, Progress, UnusableTrack, silent
-from .stamps import Clock, numbers
+from .stamps import Clock, numbers, past_midnight
 
 __all__ = ["Table", "read_table"]
 
@@ -82,8 +82,11 @@ def read_table(path: Path, told: Mapping[str, str], progress: Progress = silent)
     if not rows_read:
         raise UnusableTrack(f"{path}: only a header, no rows")
     clock = layout.clock or Clock("number")
+    columns = {role: np.concatenate([each[role] for each, _ in blocks]) for role in layout.columns}
+    if clock.kind == "clock":
+        columns["time"] = past_midnight(columns["time"])
     return Table(
-        {role: np.concatenate([columns[role] for columns, _ in blocks]) for role in layout.columns},
+        columns,
         np.concatenate([lines for _, lines in blocks]),
         clock,
         layout.names,

@@ -12,12 +12,11 @@ from ..horizon import best_horizon, horizon_criterion, shortest_horizon
 from ..model import kinematic
 from .run import AXES, Estimates, Motion, run
 from .series import Track
-from .timing import Timing, age_in_steps, pieces
+from .timing import APART, Timing, age_in_steps, pieces
 
 __all__ = ["Choice", "choose"]
 
 _BLOCKS, _BLOCK = 8, 1_000  # of rows that the choice between orders looks at
-_APART = 1e6  # steps: longer than any window
 _LONGEST = 100  # steps in a window that is chosen from data
 _WORTH = 0.98  # a higher order must bring the mean square prediction error below this part
 _FEW = 8  # rows with a whole window behind them; with fewer, shorter windows count as well
@@ -123,7 +122,7 @@ def _excerpt(track: Track, axis: Timing) -> tuple[Track, Timing]:
     starts = np.linspace(0, len(track) - _BLOCK, _BLOCKS).astype(int)
     rows = (starts[:, None] + np.arange(_BLOCK)).ravel()
     steps = axis.steps[rows].copy()
-    steps[::_BLOCK] = _APART
+    steps[::_BLOCK] = APART
     age = None if track.age is None else track.age[rows]
     part = replace(
         track,

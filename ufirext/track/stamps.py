@@ -11,9 +11,10 @@ import pandas as pd
 from .._arrays import Array
 from .series import Mask
 
-__all__ = ["Clock", "in_order", "numbers"]
+__all__ = ["Clock", "in_order", "numbers", "past_midnight"]
 
 _SAMPLE = 1000  # stamps that tell how the others are written
+_DAY = 86_400.0  # s
 _UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -85,6 +86,12 @@ def _clock_times(texts: list[str]) -> Array:
     shaped = series.where(series.str.fullmatch(r"\s*\d{1,2}:\d{2}:\d{2}(\.\d+)?\s*"))
     spans = pd.to_timedelta(shaped, errors="coerce")
     return np.asarray(spans.dt.total_seconds(), dtype=float)
+
+
+def past_midnight(seconds: Array) -> Array:
+    """Times of day that go on into the next one: a fall by more than half a day is a midnight."""
+    midnights = np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -_DAY / 2)
+    return np.asarray(seconds + _DAY * midnights)
 
 
 def in_order(seconds: Array, *, strictly: bool) -> Mask:

@@ -109,7 +109,7 @@ def facts(
         ("rows read", f"{track.rows_read:,}; {len(track):,} used"),
         *_left_out(track),
         ("time", _time(track, axis)),
-        ("gaps", _gaps(axis, estimates, motion.horizon)),
+        ("gaps", _gaps(track, axis, estimates)),
         ("motion model", f"{_ORDERS[motion.order]} ({choice.why_order})"),
         ("horizon", f"{'adaptive' if motion.adaptive else motion.horizon} ({choice.why_horizon})"),
     ]
@@ -159,12 +159,12 @@ def _time(track: Track, axis: Timing) -> str:
     return f"{span}, nominally {rate}, {kind}"
 
 
-def _gaps(axis: Timing, estimates: Estimates, horizon: int) -> str:
-    steps = axis.steps[1:]
-    gaps = steps[steps > 1.5]
+def _gaps(track: Track, axis: Timing, estimates: Estimates) -> str:
+    spans = np.diff(track.seconds)
+    gaps = spans[spans > 1.5 * axis.step]
     if not len(gaps):
         return "none"
-    longest = duration(float(gaps.max()) * axis.step)
+    longest = duration(float(gaps.max()))
     restarts = len(estimates.starts) - 1
     text = f"{len(gaps):,}, the longest {longest}"
     return f"{text}; {restarts} longer than the window, a fresh start after each" if restarts else text

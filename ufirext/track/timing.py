@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import Array
-from .series import Track, UnusableTrack
+from .series import Mask, Track, UnusableTrack
 
-__all__ = ["Timing", "age_in_steps", "pieces", "timing"]
+__all__ = ["APART", "Timing", "age_in_steps", "pieces", "timing"]
 
 _NEARLY = 0.05  # of a step: closer to the grid than this counts as on it
+APART = 1e6  # steps: longer than any window
 _FINE = 1000  # stamps off the grid are rounded to this part of a step
 
 
@@ -26,7 +27,8 @@ class Timing:
     regular : bool
         Whether the rows lie on a grid of that step (some of its points may be empty).
     steps : ndarray, (n,)
-        Steps since the row before, 0 for the first; whole numbers on a grid, else multiples of 1/1000.
+        Steps since the row before, 0 for the first; whole numbers on a grid, else multiples of 1/1000; not
+        the true number where they are more than any window holds.
     """
 
     step: float
@@ -46,9 +48,10 @@ def timing(track: Track, longest: int = 64) -> Timing:
     steps = spans / step
     regular = _on_grid(spans, step, longest)
     if regular:
-        steps = np.rint(steps)
+        # after a long gap the rows may lie on a grid of their own, which no window spans
+        steps = np.where(_near(steps), np.rint(steps), APART)
     else:
-        fine = np.rint(np.concatenate([[0.0], np.cumsum(np.minimum(steps, 1e6))]) * _FINE)
+        fine = np.rint(np.concatenate([[0.0], np.cumsum(np.minimum(steps, APART))]) * _FINE)
         steps = np.maximum(np.diff(fine), spans > 0) / _FINE
     return Timing(step, regular, np.concatenate([[0.0], steps]))
 
@@ -63,9 +66,12 @@ def _step(spans: Array, median: float, longest: int) -> float:
 
 def _on_grid(spans: Array, step: float, longest: int) -> bool:
     steps = spans / step
-    near = np.abs(steps - np.rint(steps)) <= _NEARLY
     distinct = (np.rint(steps) >= 1) | (spans == 0)
-    return bool(np.all((near | (steps > longest)) & distinct))
+    return bool(np.all((_near(steps) | (steps > longest)) & distinct))
+
+
+def _near(steps: Array) -> Mask:
+    return np.asarray(np.abs(steps - np.rint(steps)) <= _NEARLY)
 
 
 def _why(track: Track) -> str:

@@ -74,7 +74,7 @@ def _write_csv(
     with path.open("w", encoding="utf-8", newline="") as file:
         for start in range(0, len(track), _CHUNK):
             rows = slice(start, start + _CHUNK)
-            columns = {"line": track.lines[rows], **_stamps(track, rows)}
+            columns = {track.counted: track.lines[rows], **_stamps(track, rows)}
             if latlon is not None:
                 columns |= {"lat": _digits(latlon[rows, 0], 9), "lon": _digits(latlon[rows, 1], 9)}
             columns |= {name: _digits(values[rows], 4) for name, values in states.items()}

@@ -144,6 +144,13 @@ def test_stamps_that_repeat_or_run_backward_or_leap_ahead_are_left_out(tmp_path)
     assert lines_of(track, "time leaps ahead") == [9]
 
 
+def test_times_of_day_go_on_past_midnight(tmp_path):
+    stamps = ["23:59:58", "23:59:59", "00:00:00", "00:00:01.5"]
+    track = read_track(write_table(tmp_path / "a.csv", {"time": stamps, "x": range(4), "y": range(4)}))
+    assert (track.seconds - track.seconds[0]).tolist() == [0, 1, 2, 3.5]
+    assert track.left_out == []
+
+
 def test_a_file_that_runs_backward_is_read_from_its_end(tmp_path):
     track = read_track(write_table(tmp_path / "a.csv", {"t": SECONDS[::-1], "x": X, "y": Y}))
     assert track.seconds.tolist() == SECONDS

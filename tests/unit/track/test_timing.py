@@ -52,6 +52,14 @@ def test_a_long_gap_need_not_fit_the_grid_and_cuts_the_track():
     assert pieces(axis, horizon=6) == [slice(0, 20), slice(20, 30)]
 
 
+def test_after_a_long_gap_rows_off_the_grid_start_afresh_even_in_a_longer_window():
+    on, off = axis_of([*range(20), *range(100, 120)]), axis_of([*range(20), *(100.4 + np.arange(20))])
+    assert on.regular
+    assert off.regular
+    assert pieces(on, horizon=200) == [slice(0, 40)]
+    assert pieces(off, horizon=200) == [slice(0, 20), slice(20, 40)]
+
+
 def test_a_gap_no_longer_than_the_window_does_not_cut():
     axis = axis_of([0, 1, 2, 3, 8, 9])
     assert pieces(axis, horizon=5) == [slice(0, 6)]
