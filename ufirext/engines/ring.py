@@ -8,7 +8,6 @@ the records.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from .._arrays import Array
 from ..window import Row
 from .covariance import Covariance
+from .linear import cholesky_solver
 from .plan import Plan
 from .records import NEGLIGIBLE, Limits, Records, Solution, Step
 
@@ -30,14 +30,6 @@ WEAK_PIVOT = 1e-3
 REBASE = 3
 # Windows with holes up to this length have few enough patterns to remember a gain for each.
 PATTERN_STEPS = 12
-
-
-@cache
-def _solver() -> Any:
-    """LAPACK's Cholesky solver; loaded when the first hole appears, so that importing ufirext stays light."""
-    from scipy.linalg.lapack import dposv
-
-    return dposv
 
 
 class Ring:
@@ -386,7 +378,7 @@ class Ring:
         if not basis.sound or not r:
             return None
         eta = basis.project @ self.free[self.end - span : self.end].reshape(-1)
-        factor, solution, info = _solver()((basis.grams @ weights).reshape(r, r), eta)
+        factor, solution, info = cholesky_solver()((basis.grams @ weights).reshape(r, r), eta)
         if info or min(factor.diagonal().tolist()) < WEAK_PIVOT:
             return None
         x = basis.back @ solution

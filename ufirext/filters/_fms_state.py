@@ -22,7 +22,7 @@ from ._update import innovation_gain, joseph
 
 
 class FMSState(FilterState):
-    """Minimum variance over a window, for the newest state and a lagged one; a Kalman filter until it suffices."""
+    """Minimum variance over a window, of the newest state and a lagged one; a Kalman filter until then."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int, lag: int) -> None:
         super().__init__(dim_x, dim_z)
@@ -42,7 +42,7 @@ class FMSState(FilterState):
         self.mode = SLOW
         self.seen = 0  # step up to which the published fields are worked out
 
-    # -- horizon and lag --------------------------------------------------------------------------------------
+    # -- horizon and lag --------------------------------------------------------------------------------
 
     @property
     def limits(self) -> Limits:
@@ -57,7 +57,7 @@ class FMSState(FilterState):
         self.unchecked, self.lagged_then = True, None
 
     def check(self) -> None:
-        """Look at the model once: raise if the window can never determine the states though a longer one could."""
+        """Look at the model once: raise if the window can never determine the states that are wanted."""
         self.unchecked = False
         model = self._model()
         self.index = observability_index(model)
@@ -65,8 +65,8 @@ class FMSState(FilterState):
             return
         if self.horizon < self.index:
             raise UnobservableWindow(
-                f"horizon must be at least {self.index} for this model (the shortest window that determines its "
-                f"{self.dim_x} states), got {self.horizon}; lengthen the horizon or measure another state",
+                f"horizon must be at least {self.index} for this model (the shortest window that determines "
+                f"its {self.dim_x} states), got {self.horizon}; lengthen the horizon or measure more",
                 shortest=self.index,
             )
         if self.lag and not model_window(model, self.horizon, self.lag).determined():
@@ -78,7 +78,7 @@ class FMSState(FilterState):
     def _model(self) -> Model:
         return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
 
-    # -- engines ----------------------------------------------------------------------------------------------
+    # -- engines ----------------------------------------------------------------------------------------
 
     def _begin(self, F: Array, Q: Array) -> Segmented | PairRing:
         if self.unchecked:
@@ -103,18 +103,19 @@ class FMSState(FilterState):
         """The engine for everything that a ring cannot hold."""
         engine = self.engine
         if isinstance(engine, PairRing):
-            self.pair()
+            if engine.now == self.lag_at:
+                self.lagged_then = engine.lagged()
             folds = engine.segmented()
             folds.start = engine.now - self.horizon + 1
             if engine.now < self.now:
                 folds.advance(self.anchor[0], self.anchor[2], None)
-            self.engine = engine = folds
+            self.engine, self.tried = folds, self.now
+            return folds
         if engine is None:
             raise RuntimeError("the filter has not begun")
-        self.tried = self.now
         return engine
 
-    # -- verbs ------------------------------------------------------------------------------------------------
+    # -- verbs ------------------------------------------------------------------------------------------
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""
@@ -200,7 +201,7 @@ class FMSState(FilterState):
         self._publish(self.x + K @ (z - H @ self.x), Covariance.of(posterior))
         return Covariance.of(K)
 
-    # -- the hot path -----------------------------------------------------------------------------------------
+    # -- the hot path -----------------------------------------------------------------------------------
 
     def warm(self) -> None:
         """Go over to the hot path if nothing stands against it."""
@@ -257,7 +258,7 @@ class FMSState(FilterState):
             self.mode = SLOW
         super().settle()
 
-    # -- what the window says ---------------------------------------------------------------------------------
+    # -- what the window says ---------------------------------------------------------------------------
 
     @property
     def ready(self) -> bool:

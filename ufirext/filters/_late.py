@@ -67,12 +67,14 @@ class LateState(FilterState):
         if self.seen:
             self.seen = tuple(origin for origin in self.seen if origin >= self.now - self.channel.max_delay)
 
-    def update(self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None) -> None:
-        """Measurement update; z flat with NaN for missing components, or None."""
+    def update(
+        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
+    ) -> None:
+        """Measurement update; z flat with NaN for missing components, or None; `whole`: none is missing."""
         delay = self._age(delay)
         last: Update | None = None
         if z is not None:
-            mask = measured(z, H, R)[3]
+            mask = np.ones(len(H), dtype=bool) if whole else measured(z, H, R)[3]
             if mask.any() and self._wanted(delay):
                 last, x, P = self._taken(z, H, R, mask, delay, cross)
                 self._present(x, P)

@@ -12,6 +12,7 @@ from ..engines.covariance import Covariance
 from ..engines.plan import Plan, plan
 from ..engines.records import Limits, Records, Solution, negligible
 from ..engines.ring import GROWING_GAINS, Ring
+from ..engines.varying import Varying
 from ..errors import HorizonError, UnobservableWindow
 from ..gains import observability_index
 from ..model import Model
@@ -105,7 +106,9 @@ class UFIRState(FilterState):
             self.refresh()
         engine = self.engine
         if engine is None:
-            engine = self.engine = self._ring(self.now) if self._regular(F, Q) else Records(F, Q, self.now)
+            engine = self.engine = self._ring(self.now) if self._regular(F, Q) else self._general(F, Q)
+        elif isinstance(engine, Varying) and engine.limits != self.limits:
+            engine = self.engine = self._over(engine)
         elif isinstance(engine, Records) and self.now - self.irregular > engine_reach(self.limits):
             self.irregular = self.now  # look again after another reach, whatever comes of it
             if self._regular(F, Q):
@@ -113,6 +116,12 @@ class UFIRState(FilterState):
                 if ring.adopt(engine):
                     engine = self.engine = ring
         return engine
+
+    def _general(self, F: Array, Q: Array) -> Records:
+        return Varying(F, Q, self.now, self.limits)
+
+    def _over(self, records: Records) -> Records:
+        return Varying.over(records, self.limits)
 
     def _regular(self, F: Array, Q: Array) -> bool:
         return F is self.F.value and Q is self.Q.value and self.index is not None
@@ -124,7 +133,7 @@ class UFIRState(FilterState):
 
     def _to_records(self) -> Records | None:
         if isinstance(self.engine, Ring):
-            self.engine = self.engine.records()
+            self.engine = self._over(self.engine.records())
         self.irregular = self.now
         return self.engine
 
@@ -139,8 +148,7 @@ class UFIRState(FilterState):
             if F is self.anchor[0] and Q is self.anchor[2]:
                 engine.advance(known)
                 return
-            engine = engine.records()
-            self.engine = engine
+            engine = self.engine = self._over(engine.records())
         if not (F is self.F.value and Q is self.Q.value and known is None):
             self.irregular = self.now
         engine.advance(F, Q, known)
@@ -184,7 +192,7 @@ class UFIRState(FilterState):
                 return False
             if engine.add(row):
                 return engine.solve()
-            engine = self.engine = engine.records()
+            engine = self.engine = self._over(engine.records())
         row = Row(self.now - delay, self.now, H, R, z)
         if negligible(row, engine.rows):
             return False

@@ -19,9 +19,9 @@ __all__ = ["FMSFilterSmoother"]
 class FMSFilterSmoother(FilterSurface):
     """Minimum-variance unbiased filter and fixed-lag smoother over a finite window, with filterpy's verbs.
 
-    The estimates of the newest state and of the one `lag` steps ago from the measurements of the last `horizon`
-    steps, best under the model's Q and R and independent of everything before: a disturbance is forgotten after
-    `horizon` steps, and noise-free data give the exact states.
+    The estimates of the newest state and of the one `lag` steps ago from the measurements of the last
+    `horizon` steps, best under the model's Q and R and independent of everything before: a disturbance is
+    forgotten after `horizon` steps, and noise-free data give the exact states.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ class FMSFilterSmoother(FilterSurface):
 
     Attributes
     ----------
-    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood, mahalanobis
+    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood,
+    mahalanobis
         As in filterpy; x and P are x_{n|n} and its error covariance. R must not be zero.
 
     Raises
@@ -49,12 +50,13 @@ class FMSFilterSmoother(FilterSurface):
 
     Notes
     -----
-    Kim (2019), "A unified finite memory structure filter and smoother": the paper's window length M is `horizon`,
-    its lag d is lag + 1, and its x^_i is `x_prior` (the newest measurement is z_{i-1} there). Until the rows
-    determine the state the filter is the Kalman filter of x, P, Q, R. A constant model without holes costs one
-    product of a constant gain a step; time-varying models, missing and late measurements, inputs and edits of x go
-    through associative segments, exactly and at a cost that does not grow with the horizon. The window holds
-    the states of the last `horizon` steps, and reaches further back while it holds too few measurements.
+    Kim (2019), "A unified finite memory structure filter and smoother": the paper's window length M is
+    `horizon`, its lag d is lag + 1, and its x^_i is `x_prior` (the newest measurement is z_{i-1} there).
+    Until the rows determine the state the filter is the Kalman filter of x, P, Q, R. A constant model without
+    holes costs one product of a constant gain a step; time-varying models, missing and late measurements,
+    inputs and edits of x go through associative segments, exactly and at a cost that does not grow with the
+    horizon. The window holds the states of the last `horizon` steps, and reaches further back while it holds
+    too few measurements.
 
     Examples
     --------
@@ -93,7 +95,7 @@ class FMSFilterSmoother(FilterSurface):
         new.inv = kf.inv
         return new
 
-    # -- the two verbs, with their hot path -------------------------------------------------------------------
+    # -- the two verbs, with their hot path -------------------------------------------------------------
 
     @property
     def x(self) -> Array:
@@ -112,6 +114,7 @@ class FMSFilterSmoother(FilterSurface):
         F: ArrayLike | None = None,
         Q: ArrayLike | None = None,
     ) -> None:
+        """Advance one step, x <- F x + B u, as in filterpy."""
         state = self._state
         if state.mode == POSTED and u is None and F is None and Q is None:
             x = state._x_handed
@@ -124,6 +127,7 @@ class FMSFilterSmoother(FilterSurface):
     def update(
         self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
     ) -> None:
+        """Take a measurement of `delay` steps ago; None or NaN: it, or a component of it, is missing."""
         state = self._state
         if state.mode == PREDICTED and R is None and H is None and delay == 0:
             x = state._x_handed
@@ -133,7 +137,7 @@ class FMSFilterSmoother(FilterSurface):
                 return
         super().update(z, R, H, delay=delay)
 
-    # -- the lagged state -------------------------------------------------------------------------------------
+    # -- the lagged state -------------------------------------------------------------------------------
 
     @property
     def x_lag(self) -> Array:
@@ -192,7 +196,7 @@ class FMSFilterSmoother(FilterSurface):
             x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value)
         return state.shaped(x), P.value.copy()
 
-    # -- the window -------------------------------------------------------------------------------------------
+    # -- the window -------------------------------------------------------------------------------------
 
     @property
     def ready(self) -> bool:
