@@ -68,7 +68,7 @@ def _contest(states: int, horizon: int, steps: int, *, loop: Loop = stepped) -> 
 def _against_cpp(states: int, horizon: int, steps: int) -> Contest:
     cpp = peer("kalman", "fast-kalman")
     model = model_of(states)
-    zs = drive(MODELS[states][1], steps).tolist()  # it takes lists of floats, fastest
+    zs = drive(MODELS[states][1], steps + horizon + 8).tolist()  # it takes lists of floats, fastest
 
     def prepare() -> Run:
         matrices = {name: getattr(model, name).ravel().tolist() for name in "FQHR"}
@@ -76,13 +76,14 @@ def _against_cpp(states: int, horizon: int, steps: int) -> Contest:
             states, model.dim_z, x=[0.0] * states, P=(100.0 * np.eye(states)).ravel().tolist(), **matrices
         )
 
-        def run() -> object:
+        def run(zs: list[list[float]] = zs[-steps:]) -> object:
             x = f.x
             for z in zs:
                 f.update(z)  # predicts and corrects
                 x = f.x
             return x
 
+        run(zs[:-steps])
         return run
 
     return Contest(_contest(states, horizon, steps).ours, prepare, steps)
