@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NamedTuple, NoReturn
 
 import typer
 from rich.console import Console
@@ -17,98 +17,65 @@ from .motion import Choice, choose
 from .reading import read_track
 from .report import show
 from .run import Estimates, run
-from .series import Progress, Track, UnusableTrack, silent
+from .series import Progress, Track, silent
 from .summary import facts, summarise
 from .timing import Timing, timing
 from .writing import default_output, require_format, write_left_out, write_track
 
 __all__ = ["track"]
 
-_RESULT = "Results"
-_COLUMNS = "Columns with unusual names"
 _LONG = 2**20  # bytes; shorter files are done before a bar could be read
+
+
+def _result(text: str, *flags: str) -> Any:
+    return typer.Option(*flags, rich_help_panel="Results", help=text)
+
+
+def _column(text: str) -> Any:
+    return typer.Option(metavar="NAME", rich_help_panel="Columns with unusual names", help=text)
+
+
+_ORDER = "Constant position (0), velocity (1) or acceleration (2); else from the data."
+_HORIZON = "Steps in the window: told, from the data, or on the way."
+_SIGMA = "Standard deviation of a measured coordinate, m; else from the innovations."
 
 
 def track(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV or GPX file.")],
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", rich_help_panel=_RESULT, help="Write the estimates to this .csv or .gpx."
-        ),
+        Path | None, _result("Write the estimates to this .csv or .gpx.", "--output", "-o")
     ] = None,
     plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot", "-p", rich_help_panel=_RESULT, help="Draw to this .png, or .html with the table."
-        ),
+        Path | None, _result("Draw to this .png, or .html with the table.", "--plot", "-p")
     ] = None,
-    left_out: Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=_RESULT, help="Write every row that was left out, and why, to this .csv."
-        ),
-    ] = None,
-    order: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=2, help="Constant position (0), velocity (1) or acceleration (2); else from the data."
-        ),
-    ] = None,
-    horizon: Annotated[
-        str,
-        typer.Option(
-            metavar="N|auto|adaptive", help="Steps in the window: told, from the data, or on the way."
-        ),
-    ] = "auto",
+    left_out: Annotated[Path | None, _result("Write the rows left out, and why, to this .csv.")] = None,
+    order: Annotated[int | None, typer.Option(min=0, max=2, help=_ORDER)] = None,
+    horizon: Annotated[str, typer.Option(metavar="N|auto|adaptive", help=_HORIZON)] = "auto",
     lag: Annotated[int, typer.Option(min=0, help="Smooth: give estimates as of this many steps later.")] = 0,
-    sigma: Annotated[
-        float | None,
-        typer.Option(help="Standard deviation of a measured coordinate, m; else from the innovations."),
-    ] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Seconds, ISO 8601, or h:m:s."),
-    ] = None,
-    lat: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
-    ] = None,
-    lon: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
-    ] = None,
-    x: Annotated[str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="East, m.")] = None,
-    y: Annotated[str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="North, m.")] = None,
-    delay: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Age of a row on arrival.")
-    ] = None,
+    sigma: Annotated[float | None, typer.Option(help=_SIGMA)] = None,
+    time: Annotated[str | None, _column("Seconds, ISO 8601, or time of day.")] = None,
+    lat: Annotated[str | None, _column("Latitude, degrees.")] = None,
+    lon: Annotated[str | None, _column("Longitude, degrees.")] = None,
+    x: Annotated[str | None, _column("East, m.")] = None,
+    y: Annotated[str | None, _column("North, m.")] = None,
+    delay: Annotated[str | None, _column("How old a row was on arrival: s, or steps if named so.")] = None,
+    truth_x: Annotated[str | None, _column("True east, m.")] = None,
+    truth_y: Annotated[str | None, _column("True north, m.")] = None,
+    truth_lat: Annotated[str | None, _column("True latitude, degrees.")] = None,
+    truth_lon: Annotated[str | None, _column("True longitude, degrees.")] = None,
     delay_unit: Annotated[
-        str,
-        typer.Option(
-            metavar="s|steps", rich_help_panel=_COLUMNS, help="Else seconds, unless named .._steps."
-        ),
+        str, typer.Option(metavar="s|steps", help="Unit of delays; else by their name.")
     ] = "",
-    truth_x: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="True east, m.")
-    ] = None,
-    truth_y: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="True north, m.")
-    ] = None,
-    truth_lat: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
-    ] = None,
-    truth_lon: Annotated[
-        str | None, typer.Option(metavar="NAME", rich_help_panel=_COLUMNS, help="Degrees.")
-    ] = None,
 ) -> None:
     """Filter a recorded track and say what was found.
 
     FILE is a table with named columns (time; lat and lon, or east and north, or x and y in metres; optionally
     a delay and truth_ columns), or a GPX file. Rows that cannot be used are left out and reported.
     """
-    roles = ("time", "lat", "lon", "x", "y", "delay", "truth_x", "truth_y", "truth_lat", "truth_lon")
-    names = (time, lat, lon, x, y, delay, truth_x, truth_y, truth_lat, truth_lon)
-    told = {role: name for role, name in zip(roles, names, strict=True) if name is not None}
-    window = _window(horizon)
+    columns = {"time": time, "lat": lat, "lon": lon, "x": x, "y": y, "delay": delay}
+    columns |= {"truth_x": truth_x, "truth_y": truth_y, "truth_lat": truth_lat, "truth_lon": truth_lon}
+    told = {role: name for role, name in columns.items() if name is not None}
+    wish = _Wish(order, _window(horizon), horizon == "adaptive", lag, sigma)
     if sigma is not None and not 0 < sigma < float("inf"):
         raise typer.BadParameter(f"must be a positive number of metres, got {sigma}", param_hint="--sigma")
     if delay_unit not in ("", "s", "steps"):
@@ -119,33 +86,48 @@ def track(
         with _bars(file) as progress:
             recorded = read_track(file, told, progress, delay_unit=delay_unit)
             require_format(target, recorded)
-            axis = timing(recorded)
-            choice = choose(
-                recorded,
-                axis,
-                order=order,
-                horizon=window,
-                adaptive=horizon == "adaptive",
-                lag=lag,
-                sigma=sigma,
-            )
-            estimates = run(recorded, axis, choice.motion, progress)
-            write_track(target, recorded, estimates, progress)
-        lines = facts(recorded, axis, choice, estimates, summarise(recorded, estimates))
+            result = _filtered(recorded, wish, progress)
+            write_track(target, recorded, result.estimates, progress)
+        lines = result.lines(recorded)
         if left_out is not None:
             write_left_out(left_out, recorded.left_out)
             lines.append(("written", f"{left_out} (rows left out)"))
         lines.append(("written", f"{target} (estimates)"))
         if plot is not None:
-            _draw(plot, recorded, axis, estimates, choice, lines)
+            _draw(plot, recorded, result, lines)
             lines.append(("written", f"{plot} (picture)"))
-    except UnusableTrack as error:
-        _fail(error)
     except (HorizonError, UnobservableWindow) as error:
         raise typer.BadParameter(str(error), param_hint="--horizon, --order, --lag") from error
     except UfirextError as error:
         _fail(error)
     show(Console(), file.name, lines)
+
+
+class _Wish(NamedTuple):
+    """What was asked for; None leaves it to the data."""
+
+    order: int | None
+    horizon: int | None
+    adaptive: bool
+    lag: int
+    sigma: float | None
+
+
+class _Result(NamedTuple):
+    """What came of a track."""
+
+    axis: Timing
+    choice: Choice
+    estimates: Estimates
+
+    def lines(self, track: Track) -> list[tuple[str, str]]:
+        return facts(track, self.axis, self.choice, self.estimates, summarise(track, self.estimates))
+
+
+def _filtered(recorded: Track, wish: _Wish, progress: Progress) -> _Result:
+    axis = timing(recorded)
+    choice = choose(recorded, axis, **wish._asdict())
+    return _Result(axis, choice, run(recorded, axis, choice.motion, progress))
 
 
 def _window(text: str) -> int | None:
@@ -197,16 +179,16 @@ def _bars(file: Path) -> Iterator[Progress]:
         yield listener
 
 
-def _draw(
-    path: Path, track: Track, axis: Timing, estimates: Estimates, choice: Choice, lines: list[tuple[str, str]]
-) -> None:
+def _draw(path: Path, track: Track, result: _Result, lines: list[tuple[str, str]]) -> None:
     try:
         from .figure import write_picture
     except ModuleNotFoundError as error:
         _fail(f"--plot needs {error.name}: pip install 'ufirext[plot]'")
-    order = ("position", "velocity", "acceleration")[choice.motion.order]
-    window = "adaptive window" if choice.motion.adaptive else f"window of {choice.motion.horizon} steps"
-    write_picture(path, track, axis, estimates, f"{track.path.name}: constant {order}, {window}", lines)
+    motion = result.choice.motion
+    order = ("position", "velocity", "acceleration")[motion.order]
+    window = "adaptive window" if motion.adaptive else f"window of {motion.horizon} steps"
+    title = f"{track.path.name}: constant {order}, {window}"
+    write_picture(path, track, result.axis, result.estimates, title, lines)
 
 
 def _fail(reason: object) -> NoReturn:
