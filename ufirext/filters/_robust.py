@@ -78,7 +78,7 @@ class RobustState(LiftedState):
     def judged(self, P: Array, step: int) -> Account:
         """The theta of a step whose tilted covariance is P, or a refusal."""
         limit = largest_theta(P, self.root())
-        wanted = self._asked(step, limit)
+        wanted = self.theta_of(step, limit)
         clipped = not wanted < limit
         if clipped:
             if not self.clips:
@@ -86,7 +86,8 @@ class RobustState(LiftedState):
             wanted = self.fraction * limit
         return Account(1, wanted, wanted, limit, int(clipped))
 
-    def _asked(self, step: int, limit: float) -> float:
+    def theta_of(self, step: int, limit: float) -> float:
+        """What was asked for this step."""
         if self.theta == "auto":
             # Nothing to bound where no disturbance reaches the weighted error.
             return self.fraction * limit if np.isfinite(limit) else 0.0
@@ -126,7 +127,7 @@ class RobustState(LiftedState):
         if self.tilted or (self.now == 0 and not self.updated):
             return state
         if self.theta == "auto":
-            # Errors of steps without a measurement weigh nothing: P would grow without end over a gap.
+            # Errors of steps without a measurement weigh nothing, else P grew without end over a gap.
             self.account = Account(1, 0.0, 0.0)
             return state
         self.account = self.judged(state.P, self.now)
@@ -165,7 +166,11 @@ class RobustState(LiftedState):
         return tilt(P, self.root(), self.account.lowest)
 
     def _nothing(self) -> None:
-        if self.robust_form == "posterior" and self.theta != "auto" and not self.updated:
+        if self.updated:
+            return
+        if self.theta == "auto":
+            self.account = Account(1, 0.0, 0.0)
+        elif self.robust_form == "posterior":
             self.account = self.judged(self._settled().P, self.now)
 
     @property

@@ -166,6 +166,12 @@ class DelayHInfinityFilter(LateFilter):
         self._state.theta = _checked_policy(value)
 
     @property
+    def theta_used(self) -> float | None:
+        """The theta of the present step, None as long as it is open."""
+        account = self._state.account
+        return None if account is None else account.lowest
+
+    @property
     def theta_max(self) -> float:
         """The limit of the present step, as it stands: below it the bound exists."""
         state = self._state
