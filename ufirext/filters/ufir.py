@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
 from ..errors import UfirextError
+from ._bank import new_state, with_policy
 from ._describe import describe
 from ._surface import FilterSurface
 from ._ufir_state import MISSING, POSTED, PREDICTED, WINDOWS, UFIRState, checked_horizon
@@ -79,7 +80,7 @@ class UFIRFilter(FilterSurface):
         for name, value, allowed in (("missing", missing, MISSING), ("window", window, WINDOWS)):
             if value not in allowed:
                 raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
-        super().__init__(dim_x, dim_z, dim_u, UFIRState(dim_x, dim_z, checked_horizon(horizon), missing, window))
+        super().__init__(dim_x, dim_z, dim_u, new_state(dim_x, dim_z, checked_horizon(horizon), missing, window))
 
     @classmethod
     def from_filterpy(cls, kf: Any, horizon: int | str = "auto", **options: Any) -> UFIRFilter:
@@ -150,8 +151,7 @@ class UFIRFilter(FilterSurface):
 
     @horizon.setter
     def horizon(self, value: int | str) -> None:
-        self._state.settle()
-        self._state.set_policy(checked_horizon(value))
+        self._state = with_policy(self._state, checked_horizon(value))
 
     @property
     def G(self) -> Array:

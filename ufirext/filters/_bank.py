@@ -1,0 +1,309 @@
+"""horizon="adaptive": candidates side by side on the same rows, the one that foretells best is published."""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array
+from ..adaptive import HorizonBank, bank_candidates
+from ..engines.covariance import Covariance
+from ..engines.records import Records
+from ..gains import observability_index
+from ..window import whitener
+from ._live import Live
+from ._ufir_state import POSTED, PREDICTED, UFIRState
+
+MODEL = ("F", "H", "Q", "R")
+
+
+class Member(UFIRState):
+    """One candidate: a UFIR filter of a fixed horizon whose model, warm-up and prior are its owner's."""
+
+    def __init__(self, owner: AdaptiveState, horizon: int, past: Records | None) -> None:
+        window = "arrivals" if owner.by_arrival else "origins"
+        super().__init__(owner.dim_x, owner.dim_z, horizon, owner.missing, window)
+        self.form = 1
+        self.now, self.updated, self.x = owner.now, owner.updated, owner.x
+        self.irregular = owner.now
+        self.taken = False  # whether the last row went into the window
+        self.follow(owner)
+        if past is not None:
+            self.engine = past.copy()
+            self.solution = past.solve(self.limits)
+
+    def follow(self, owner: AdaptiveState) -> None:
+        """Take over the owner's model: the same arrays, so that what is constant is recognised by identity."""
+        self.settle()
+        for name in MODEL:
+            setattr(self, name, Live(getattr(owner, name).value, np.asarray))
+        self.index, self.refreshed, self.stale = owner.index, owner.now, False
+
+    def step(self, F: Array, Q: Array, known: Array | None) -> None:
+        """predict(), on the hot path where it can be."""
+        if self.mode == POSTED and known is None and F is self.F.value and Q is self.Q.value:
+            self.mode = PREDICTED
+            return
+        self.settle()
+        self.predict(F, Q, known)
+
+    def feed(self, z: Array | None, H: Array, R: Array, delay: int) -> None:
+        """update() with measured components, on the hot path where it can be."""
+        usual = self.mode == PREDICTED and delay == 0 and H is self.H.value and R is self.R.value
+        if usual and self.take(z):
+            self.mode, self.taken = POSTED, z is not None
+            return
+        self.taken = False
+        self.settle()
+        self.update(z, H, R, delay, whole=z is not None)
+
+    def edit(self, delta: Array) -> None:
+        """The owner's x was moved by `delta`."""
+        self.settle()
+        self.x = self.x + delta
+        self._moved(delta)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the window has spoken in this step."""
+        return bool(self.mode) or self.ready_at == self.now
+
+    def estimate(self) -> Array:
+        """x after the last update, without working out anything else."""
+        return self.posted_x() if self.mode else self.x
+
+    def warm(self) -> None:
+        """The hot path is for the model that the ring was made for."""
+        if all(old is getattr(self, name).value for name, old in zip(MODEL, self.anchor, strict=False)):
+            super().warm()
+
+    def fork(self) -> Member:
+        """An independent copy."""
+        twin = copy.copy(self)
+        twin.engine = None if self.engine is None else self.engine.copy()
+        return twin
+
+    def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
+        gain = super()._absorb(z, H, R, delay, cross)
+        self.taken = gain is not None
+        return gain
+
+    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
+        # Warm-up is the owner's: one Kalman filter for all candidates.
+        return Covariance.of(np.zeros((self.dim_x, len(z))))
+
+
+class AdaptiveState(UFIRState):
+    """A bank of candidates that see the same rows; x, P and all that is published are the best one's.
+
+    Candidates are judged by how well they foretell the rows: z against H F x^_{n-1} + known inputs, a late row
+    against H x^ as it stood at its origin. Estimates of all candidates are the rows of `X`, NaN where a window does
+    not determine the state.
+    """
+
+    def __init__(self, dim_x: int, dim_z: int, missing: str, window: str) -> None:
+        super().__init__(dim_x, dim_z, "adaptive", missing, window)
+        self._empty()
+
+    def _empty(self) -> None:
+        self.bank: HorizonBank | None = None
+        self.members: list[Member] = []
+        self.current = 0  # the member whose estimate is published
+        self.X = self.stood = np.zeros((0, self.dim_x))  # now, and as the rows of this step see it
+        self.past: deque[Array] = deque()  # `stood` of earlier steps, newest last
+        self.fed = 0  # step of the last row
+        self.white: tuple[Array, Array] | None = None  # R and its whitener
+
+    @classmethod
+    def of(cls, state: UFIRState) -> AdaptiveState:
+        """Go on from where a filter with one horizon stands; its window is kept."""
+        new = object.__new__(cls)
+        new.__dict__.update(state.__dict__)
+        new._empty()
+        new.engine = state._to_records()
+        new.policy, new.horizon, new.refreshed, new.stale = "adaptive", None, None, True
+        return new
+
+    def single(self) -> UFIRState:
+        """Go on as a filter with one horizon, from the longest window there is."""
+        new = UFIRState(self.dim_x, self.dim_z, "auto", self.missing, "arrivals" if self.by_arrival else "origins")
+        new.__dict__.update({name: self.__dict__[name] for name in new.__dict__})
+        new.engine = self._longest()
+        return new
+
+    # -- the bank ---------------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Look at the model: which candidates there are. At most once per horizon, as "auto" does."""
+        if not self.stale:
+            return
+        if self.refreshed is not None and self.index is not None and self.now - self.refreshed < (self.horizon or 0):
+            return
+        self.index = observability_index(self._model())
+        self.refreshed, self.stale = self.now, False
+        candidates = bank_candidates(self.dim_x if self.index is None else self.index)
+        if self.bank is None or self.bank.candidates != candidates:
+            self._open(candidates)
+        for member in self.members:
+            member.follow(self)
+
+    def _open(self, candidates: tuple[int, ...]) -> None:
+        past = self._longest()
+        self.bank = HorizonBank(candidates)
+        self.members = [Member(self, horizon, past) for horizon in candidates]
+        self.engine = None
+        self.current = candidates.index(self.bank.best)
+        self.horizon = self.bank.best
+        self.X = np.full((len(candidates), self.dim_x), np.nan)
+        for i, member in enumerate(self.members):
+            if member.solution is not None:
+                self.X[i] = member.solution.x
+        self.stood = self.X
+        self.past = deque(maxlen=self.members[-1].limits.reach)
+        self.fed = self.now
+
+    def _longest(self) -> Records | None:
+        """The past as far back as anything remembers it."""
+        if not self.members:
+            return None if self.engine is None else super()._as_records()
+        member = self.members[-1]
+        member.settle()
+        return member._as_records()
+
+    def _as_records(self) -> Records:
+        if not self.members:
+            return super()._as_records()
+        member = self.members[self.current]
+        member.settle()
+        return member._as_records()
+
+    def _errors(self, z: Array, H: Array, R: Array, delay: int) -> Array:
+        """Squared whitened prediction errors of a row, one a candidate."""
+        if delay > len(self.past):
+            return np.full(len(self.X), np.nan)
+        if self.white is None or self.white[0] is not R:
+            self.white = (R, whitener(R))
+        X = self.past[-delay] if delay else self.X
+        white = (z - X @ H.T) @ self.white[1].T
+        # Errors grow with the time since the last row: the end of a gap must not outvote a hundred steps.
+        lead = max(1, self.now - self.fed)
+        errors: Array = (white * white).sum(axis=1) / lead**2
+        return errors
+
+    def _collect(self) -> None:
+        """Estimates of all candidates after an update."""
+        X = self.X.copy()
+        for i, member in enumerate(self.members):
+            if member.fresh:
+                X[i] = member.estimate()
+            elif member.solution is None:
+                X[i] = np.nan
+        self.X = self.stood = X
+
+    def _follow_best(self) -> Member | None:
+        """Publish the best candidate's estimate, or that of the next longer one which has any; None if none has."""
+        self._collect()
+        bank: HorizonBank = self.bank  # type: ignore[assignment]
+        able = ~np.isnan(self.X[:, 0])
+        if not able.any():
+            return None
+        best = bank.candidates.index(bank.best)
+        longer = np.flatnonzero(able[best:])
+        self.current = best + int(longer[0]) if len(longer) else int(np.flatnonzero(able)[-1])
+        member = self.members[self.current]
+        if member.fresh:
+            member.look()
+            self.solution, self.ready_at, self.horizon = member.solution, self.now, member.horizon
+            self._publish(member.x, member.P)
+        return member
+
+    # -- hooks ------------------------------------------------------------------------------------------------
+
+    def _model_changed(self) -> None:
+        super()._model_changed()
+        for member in self.members:
+            member.follow(self)
+
+    def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
+        if self.stale:
+            self.refresh()
+        for member in self.members:
+            member.step(F, Q, known)
+        self.past.append(self.stood)
+        moved = self.X @ F.T
+        self.X = self.stood = moved if known is None else moved + known
+
+    def _moved(self, delta: Array) -> None:
+        super()._moved(delta)
+        for member in self.members:
+            member.edit(delta)
+        self.X = self.X + delta
+        if not self.updated:
+            self.stood = self.X
+
+    def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
+        if self.stale:
+            self.refresh()
+        if delay and self._too_old(delay):
+            self.dropped += 1
+        errors = self._errors(z, H, R, delay)
+        for member in self.members:
+            member.feed(z, H, R, delay)
+        nothing = Covariance.of(np.zeros((self.dim_x, len(z))))
+        if any(member.taken for member in self.members):
+            self.bank.score(errors)  # type: ignore[union-attr]
+            self.fed = self.now
+        elif self.missing == "extend":
+            return nothing
+        member = self._follow_best()
+        if member is not None:
+            taken = member.taken and member.solution is not None
+            return member.solution.newest_gain if taken else nothing  # type: ignore[union-attr]
+        self.solution = None
+        return nothing if delay else self._kalman(z, H, R, cross)
+
+    def _skip(self) -> None:
+        for member in self.members:
+            member.feed(None, self.H.value, self.R.value, 0)
+        if self.missing != "extend" and self.members and self._follow_best() is None:
+            self.solution = None
+
+    # -- what the window says ---------------------------------------------------------------------------------
+
+    @property
+    def ready(self) -> bool:
+        """Whether the rows that some candidate's window reaches determine the state."""
+        if not self.members:
+            return super().ready
+        return self.solution is not None and any(member.ready for member in self.members[self.current :] + self.members)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> AdaptiveState:
+        fork = super().__deepcopy__(memo)
+        for name in MODEL:
+            # Frozen arrays may be shared, and the members know their model by identity.
+            getattr(fork, name).value = getattr(self, name).value
+        fork.bank = None if self.bank is None else self.bank.copy()
+        fork.members = [member.fork() for member in self.members]
+        fork.past = self.past.copy()
+        return fork  # type: ignore[return-value]
+
+
+def new_state(dim_x: int, dim_z: int, policy: int | str, missing: str, window: str) -> UFIRState:
+    """The state object of a new filter."""
+    if policy == "adaptive":
+        return AdaptiveState(dim_x, dim_z, missing, window)
+    return UFIRState(dim_x, dim_z, policy, missing, window)
+
+
+def with_policy(state: UFIRState, policy: int | str) -> UFIRState:
+    """A filter's state object after its horizon was assigned; the window is kept."""
+    state.settle()
+    if policy == "adaptive":
+        return state if isinstance(state, AdaptiveState) else AdaptiveState.of(state)
+    if isinstance(state, AdaptiveState):
+        state = state.single()
+    state.set_policy(policy)
+    return state
