@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 from ._arrays import Array, symmetric
 
@@ -66,24 +67,29 @@ def combine(first: Segment, second: Segment) -> Segment:
     """The segment of both, one after the other; associative."""
     A1, b1, C1, eta1, J1 = first
     A2, b2, C2, eta2, J2 = second
-    n = len(b1)
     if not J2.any():
         return Segment(A2 @ A1, A2 @ b1 + b2, A2 @ C1 @ A2.T + C2, eta1, J1)
-    if not C1.any():
-        DA, Db, DC = A1, b1, C1
-    else:
-        # D = (I + C1 J2)^-1 on everything at once.
-        whole = np.empty((n, 2 * n + 1))
-        whole[:, :n], whole[:, n], whole[:, n + 1 :] = A1, b1 + C1 @ eta2, C1
-        solved: Array = np.asarray(np.linalg.solve(np.eye(n) + C1 @ J2, whole))
-        DA, Db, DC = solved[:, :n], solved[:, n], solved[:, n + 1 :]
+    # D = (I + C1 J2)^-1 on everything at once.
+    DA, DC, Db = _shared(A1, C1, b1 + C1 @ eta2, J2)
+    back = DA.T
     return Segment(
         A2 @ DA,
         A2 @ Db + b2,
-        A2 @ symmetric(DC) @ A2.T + C2,
-        DA.T @ (eta2 - J2 @ b1) + eta1,
-        symmetric(DA.T @ J2 @ A1) + J1,
+        A2 @ DC @ A2.T + C2,
+        back @ (eta2 - J2 @ b1) + eta1,
+        back @ J2 @ A1 + J1,
     )
+
+
+def _shared(A: Array, C: Array, b: Array, J: Array) -> tuple[Array, Array, Array]:
+    """D A, D C, D b with D = (I + C J)^-1, which exists: the eigenvalues of C J are real and not negative."""
+    n, columns = C.shape[0], A.shape[1]
+    right = np.empty((n, columns + n + 1), order="F")
+    right[:, :columns], right[:, columns:-1], right[:, -1] = A, C, b
+    left = C @ J
+    left.flat[:: n + 1] += 1.0
+    solved: Array = dgesv(left, right, overwrite_b=True)[2]
+    return solved[:, :columns], solved[:, columns:-1], solved[:, -1]
 
 
 def estimate(whole: Segment) -> Array | None:
@@ -108,16 +114,16 @@ def split(first: Segment, second: Segment) -> tuple[Array, Array, Array] | None:
     Given that state the rows of `first` say no more of the last one, so the cross-covariance is A2 P. None
     where the rows do not clearly determine it.
     """
-    n = len(first.b)
-    whole = combine(first, second)
-    root = _inverse_root(whole.J, first.A)
+    DA, DC, Db = _shared(first.A, first.C, first.b + first.C @ second.eta, second.J)
+    # Information of both, as `combine` has it.
+    eta = DA.T @ (second.eta - second.J @ first.b) + first.eta
+    J = DA.T @ second.J @ first.A + first.J
+    root = _inverse_root(J, first.A)
     if root is None:
         return None
-    joined = np.hstack([first.A @ root, first.C, first.b[:, None]])
-    solved: Array = np.asarray(np.linalg.solve(np.eye(n) + first.C @ second.J, joined))
-    spread, DC, Db = solved[:, : -n - 1], solved[:, -n - 1 : -1], solved[:, -1]
+    spread = DA @ root
     P = symmetric(DC + spread @ spread.T)
-    return Db + DC @ second.eta + spread @ (root.T @ whole.eta), P, second.A @ P
+    return Db + spread @ (root.T @ eta), P, second.A @ P
 
 
 def _inverse_root(J: Array, A: Array) -> Array | None:

@@ -68,9 +68,13 @@ class PairRing:
     def _prepare(self) -> None:
         self.flat = self.free.reshape(-1)
         self.product = self.plan.joint.K.dot
+        self.size = self.plan.model.dim_x
         self.views: list[Array] = []
         self.form = 0
-        self.last: tuple[int, Array] | None = None
+        self.older = (
+            -1,
+            self.free,
+        )  # where the window ended when the lagged state was worked out, and that state
 
     @classmethod
     def of(cls, plan: PairPlan, engine: Segmented) -> PairRing | None:
@@ -118,41 +122,41 @@ class PairRing:
             self.base, self.end = self.base + self.end - self.keep, self.keep
         return True
 
-    def pair(self, form: int) -> Array:
-        """[x_n; x_{n-lag}] in the client's form, by nothing but the product."""
+    def newest(self, form: int) -> Array:
+        """x_n in the client's form, for the client to keep; the same product leaves x_{n-lag} behind."""
         if form != self.form:
-            shape = (-1, 1) if form == 2 else (-1,)
-            horizon = self.plan.horizon
-            self.views = [
-                self.free[max(stop - horizon, 0) : stop].reshape(shape) for stop in range(self.capacity)
-            ]
-            self.form = form
+            self._view(form)
         pair: Array = self.product(self.views[self.end])
-        self.last = (self.now, pair)
-        return pair
+        self.older = self.end, pair
+        return pair[: self.size]
 
-    def solve(self) -> Solution:
-        """The newest state as of the newest row."""
-        return self._solution(self._known()[: self.plan.model.dim_x].copy())
+    def _view(self, form: int) -> None:
+        horizon, shape = self.plan.horizon, (-1, 1) if form == 2 else (-1,)
+        self.views = [
+            self.free[max(stop - horizon, 0) : stop].reshape(shape) for stop in range(self.capacity)
+        ]
+        self.form, self.older = form, (-1, self.free)
 
-    def solve_before(self) -> Solution:
-        """The newest state as of the row before."""
-        rows = self.free[self.end - 1 - self.plan.horizon : self.end - 1]
-        return self._solution(self.plan.joint.K[: self.plan.model.dim_x] @ rows.reshape(-1))
+    def oldest(self, form: int) -> Array:
+        """x_{n-lag} in the client's form, a copy."""
+        if self.older[0] != self.end or form != self.form:
+            self.newest(form)
+        return self.older[1][self.size :].copy()
 
-    def _solution(self, x: Array) -> Solution:
+    def solve(self, before: int = 0) -> Solution:
+        """The newest state as of the newest row, or of the row before it."""
         gain = self.plan.newest_gain
-        return Solution(x, self.plan.P, gain, gain, self.plan.horizon)
+        return Solution(self._pair(before)[: self.size], self.plan.P, gain, gain, self.plan.horizon)
 
     def lagged(self) -> Lagged:
         """The lagged state as of the newest row."""
-        n, P = self.plan.model.dim_x, self.plan.joint.P
-        return Lagged(self._known()[n:].copy(), P[n:, n:], P[:n, n:])
+        n, P = self.size, self.plan.joint.P
+        return Lagged(self._pair(0)[n:], P[n:, n:], P[:n, n:])
 
-    def _known(self) -> Array:
-        """The pair as a flat array, worked out once a row."""
-        pair = self.last[1] if self.last is not None and self.last[0] == self.now else self.pair(1)
-        return pair.reshape(-1)
+    def _pair(self, before: int) -> Array:
+        rows = self.free[self.end - before - self.plan.horizon : self.end - before]
+        pair: Array = self.product(rows.reshape(-1))
+        return pair
 
     def segmented(self) -> Segmented:
         """The rows of the window for the engine of windows of any kind, around a trajectory close to them."""
@@ -184,7 +188,7 @@ class PairRing:
         return fork
 
     def __getstate__(self) -> dict[str, Any]:
-        torn = {"flat", "product", "views", "form", "last"}
+        torn = {"flat", "product", "views", "form", "older"}
         return {name: value for name, value in self.__dict__.items() if name not in torn}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -212,18 +212,26 @@ class FMSState(FilterState):
 
     def take(self, z: Any) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        ring = self.engine
-        return isinstance(ring, PairRing) and ring.store(z)
+        ring: PairRing = self.engine  # type: ignore[assignment]
+        return ring.store(z)
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
-        ring = self.engine
-        if self._x_handed is None and self.mode and isinstance(ring, PairRing):
-            x = ring.pair(self.form)[: self.dim_x]
-            x = self.F.value.dot(x) if self.mode == PREDICTED else x.copy()
+        if self._x_handed is None and self.mode:
+            ring: PairRing = self.engine  # type: ignore[assignment]
+            x = ring.newest(self.form)
+            if self.mode == PREDICTED:
+                x = self.F.value.dot(x)
             self._x_handed, self._x_raw = x, x.tobytes()
             return x
         return super().hand_out_x()
+
+    def hand_out_lagged(self) -> Array:
+        """The lagged state as of the last update(), in the client's form, a copy."""
+        if self.mode:
+            ring: PairRing = self.engine  # type: ignore[assignment]
+            return ring.oldest(self.form)
+        return self.shaped(self.pair().x)
 
     def look(self) -> FMSState:
         """Work out what the hot path left out; every field is then what the slow path would have made it."""
@@ -232,7 +240,7 @@ class FMSState(FilterState):
             return self
         F, Q = self.F.value, self.Q.value
         if ring.now != self.seen:
-            before, solution = ring.solve_before(), ring.solve()
+            before, solution = ring.solve(before=1), ring.solve()
             self.prior = F @ before.x, before.covariance.predicted(F, Q, self.fading)
             self.post = solution.x, solution.covariance
             z, mask = ring.free[ring.end - 1].copy(), np.ones(self.dim_z, dtype=bool)

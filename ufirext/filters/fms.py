@@ -145,7 +145,7 @@ class FMSFilterSmoother(FilterSurface):
 
         During the first steps, when the window does not reach back as far, the oldest state it holds.
         """
-        return self._state.shaped(self._state.pair().x)
+        return self._state.hand_out_lagged()
 
     @property
     def P_lag(self) -> Array:
