@@ -10,7 +10,7 @@ import numpy as np
 from .._arrays import Array
 from .motion import Choice
 from .run import Estimates
-from .series import Integers, Track
+from .series import Track
 from .timing import Timing
 
 __all__ = ["Summary", "duration", "facts", "summarise"]
@@ -58,7 +58,7 @@ def summarise(track: Track, estimates: Estimates) -> Summary:
     raw, filtered, true_rows = _to_truth(track, estimates)
     return Summary(
         innovation_std=_rms(y),
-        autocorrelation=_autocorrelation(y, estimates.starts),
+        autocorrelation=_autocorrelation(y),
         nis=float(np.mean(estimates.nis[judged])) if judged.any() else np.nan,
         judged=int(judged.sum()),
         moved=_rms(np.linalg.norm(estimates.position - track.position, axis=1)),
@@ -83,9 +83,9 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else np.nan
 
 
-def _autocorrelation(y: Array, starts: Integers) -> float:
-    first, second = y[:-1].copy(), y[1:]
-    first[starts[starts > 0] - 1] = np.nan  # no pair reaches across a restart
+def _autocorrelation(y: Array) -> float:
+    """Of successive rows; the first rows after a fresh start are NaN, so that no pair reaches across one."""
+    first, second = y[:-1], y[1:]
     both = np.isfinite(first) & np.isfinite(second)
     power = 0.5 * (np.sum(first[both] ** 2) + np.sum(second[both] ** 2))
     return float(np.sum(first[both] * second[both]) / power) if power > 0 else np.nan

@@ -73,6 +73,16 @@ def test_the_closer_look_is_where_estimate_and_measurement_differ_most():
     assert 20 <= place[0] <= 40
 
 
+def test_the_closer_look_does_not_reach_across_a_fresh_start():
+    seconds = np.array([*range(100), *range(500, 600)], dtype=float)
+    track = recorded(seconds, noisy(np.random.default_rng(3), seconds, 1.0))
+    track.position[[98, 103]] += 40.0
+    measured = drawn(track, Motion(1, 8))[1].lines[0].get_xdata()
+    rows = np.flatnonzero(np.isin(track.position[:, 0], measured))
+    assert len(rows) == 60
+    assert rows.max() < 100 or rows.min() >= 100
+
+
 def test_a_page_escapes_what_it_says(tmp_path):
     track = example(60)
     axis = timing(track)
