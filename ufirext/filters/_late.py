@@ -16,7 +16,7 @@ from ..errors import HorizonError
 from ..recursions.augmented import Lifted, lift, predict_lifted
 from ..recursions.delayed import Correlation, Delayed, cross_covariance, predict_delayed, update_delayed
 from ..recursions.kalman import Posterior, update
-from ._state import FilterState
+from ._steady import SteadyState
 from ._update import Update
 
 
@@ -43,7 +43,7 @@ class LateUpdate(Update):
         return K
 
 
-class LateState(FilterState):
+class LateState(SteadyState):
     """What all filters with a channel share: which measurements are taken, and edits of x between them."""
 
     def __init__(self, dim_x: int, dim_z: int, channel: Channel) -> None:
@@ -58,7 +58,9 @@ class LateState(FilterState):
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""
+        regular = F is self.F.value and Q is self.Q.value and known is None and self.P is self.own_P
         x, P = self._ahead(F, Q, known)
+        regular = regular and self.edited is None
         self.edited = None
         self._present(x, P)
         self.now += 1
@@ -66,6 +68,7 @@ class LateState(FilterState):
         self.prior = (self.x, self.P)
         if self.seen:
             self.seen = tuple(origin for origin in self.seen if origin >= self.now - self.channel.max_delay)
+        self._predicted(regular)
 
     def update(
         self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
@@ -84,10 +87,18 @@ class LateState(FilterState):
             self._nothing()
             mask = np.zeros(len(H), dtype=bool)
             last = Update(z, H, R, mask, self.x, self.P, Covariance.of(np.zeros((self.dim_x, 0))))
-        self.last = last
+        self._last = last
+        plain = whole and delay == 0 and cross is None and not self.updated
         self.updated = True
         self.post = (self.x, self.P)
-        self.warm()
+        if plain:
+            self._enter(H, R, last.gain)
+        else:
+            self.levels = None
+        self.regular = False
+
+    def _repeats(self) -> bool:
+        return self.channel.stamped and self.channel.fresh_noise
 
     def _age(self, delay: int) -> int:
         if delay == 0:
@@ -142,6 +153,19 @@ class RecursiveState(LateState):
         """The memory with x and P as they are now; another P says nothing of how it goes with past noises."""
         E = self.memory.E if self.P is self.own_P else tuple(np.zeros_like(E) for E in self.memory.E)
         return self.memory._replace(x=self.x, P=self.P.value, E=E)
+
+    def _held(self) -> Delayed:
+        return self.memory
+
+    def _resume(self, held: Delayed, steps: int) -> None:
+        self.memory, self.own_P = held, self.P
+
+    def _levels(self) -> list[Array]:
+        return [self.P.value, *self.memory.E]
+
+    def _repeats(self) -> bool:
+        inputs = any(step.Bu is not None for step in self.memory.past)
+        return super()._repeats() and not inputs and len(self.memory.past) == self.channel.max_delay
 
     def _moved(self, delta: Array) -> None:
         super()._moved(delta)
@@ -201,6 +225,15 @@ class LiftedState(LateState):
             self.tall = _with_marginal(self.tall, self.P.value)
             self.own_P = self.P
         return self.tall
+
+    def _held(self) -> Array:
+        return self.tall.P
+
+    def _resume(self, held: Array, steps: int) -> None:
+        self.tall, self.own_P = Lifted(self.x, held), self.P
+
+    def _repeats(self) -> bool:
+        return super()._repeats() and self.channel.max_delay == 0
 
     def _moved(self, delta: Array) -> None:
         super()._moved(delta)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -58,11 +59,28 @@ class RobustState(LiftedState):
         self.tilted = False  # whether the P of this step is J^-1 already
         self.bare: Array | None = None  # P of this step before it was tilted
 
-    def settle(self) -> None:
-        """Honour edits in place, those of the weight too."""
-        if self.weight.watched:
-            self.weight.changed()
-        super().settle()
+    def _settle_matrices(self) -> None:
+        super()._settle_matrices()
+        if self.weight.watched and self.weight.changed():
+            self._model_changed()
+        self.watching |= self.weight.watched
+
+    def _held(self) -> tuple[Any, ...]:
+        return self.tall.P, self.account, self.tilted, self.bare
+
+    def _resume(self, held: tuple[Any, ...], steps: int) -> None:
+        P, account, self.tilted, self.bare = held
+        if self.steady is not None and steps:
+            step: Account = self.steady.after[1]
+            self.past_account += replace(step, steps=steps, clipped=steps * step.clipped)
+        self.account = account
+        super()._resume(P, steps)
+
+    def _levels(self) -> list[Array]:
+        return [self.tall.P] if self.bare is None else [self.tall.P, self.bare]
+
+    def _repeats(self) -> bool:
+        return super()._repeats() and (self.theta == "auto" or isinstance(self.theta, float))
 
     def root(self) -> Array:
         """L with L'L = S on the newest block of the augmented state."""

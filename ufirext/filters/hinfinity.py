@@ -163,11 +163,14 @@ class DelayHInfinityFilter(LateFilter):
 
     @theta.setter
     def theta(self, value: Theta) -> None:
-        self._state.theta = _checked_policy(value)
+        policy = _checked_policy(value)
+        self._state.settle()
+        self._state.theta = policy
 
     @property
     def theta_used(self) -> float | None:
         """The theta of the present step, None as long as it is open."""
+        self._state.look()
         account = self._state.account
         return None if account is None else account.lowest
 
@@ -175,7 +178,7 @@ class DelayHInfinityFilter(LateFilter):
     def theta_max(self) -> float:
         """The limit of the present step, as it stands: below it the bound exists."""
         state = self._state
-        state.settle()
+        state.look()
         return state.limit() if state.account is None else state.account.limit
 
     @property
@@ -186,16 +189,20 @@ class DelayHInfinityFilter(LateFilter):
     @property
     def weight(self) -> Array:
         """S, the weight of the errors, (dim_x, dim_x)."""
+        self._state.settle()
+        self._state.watching = True
         return self._state.weight.hand_out()
 
     @weight.setter
     def weight(self, value: ArrayLike) -> None:
         self._state.settle()
         self._state.weight.assign(value)
+        self._state.watching |= self._state.weight.watched
 
     @property
     def guarantee(self) -> Guarantee:
         """Which error is bounded, by what, for which disturbances, over the steps so far."""
+        self._state.look()
         total, channel = self._state.total, self.channel
         return Guarantee(
             self._state.robust_form,

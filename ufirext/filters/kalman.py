@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any, get_args
 
+from numpy.typing import ArrayLike
+
 from .._arrays import Array, integer
 from ..channels import Channel, TimeStamped
 from ..errors import UfirextError
 from ..recursions.delayed import Correlation
 from ._describe import describe
 from ._late import LateState, LiftedState, RecursiveState
+from ._steady import POSTED, PREDICTED
 from ._surface import FilterSurface
 
 __all__ = ["DelayKalmanFilter"]
@@ -21,6 +24,43 @@ class LateFilter(FilterSurface):
     """What the filters with a channel add to filterpy's face."""
 
     _state: LateState
+
+    # -- the two verbs, with their hot path -----------------------------------------------
+
+    @property
+    def x(self) -> Array:
+        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
+        x = self._state._x_handed
+        return self._state.hand_out_x() if x is None else x
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._state.write_x(value)
+
+    def predict(
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+    ) -> None:
+        state = self._state
+        if state.mode == POSTED and u is None and F is None and Q is None and state.hot_predict():
+            return
+        super().predict(u, B, F, Q)
+
+    def update(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
+    ) -> None:
+        state = self._state
+        if state.mode == PREDICTED and R is None and H is None and delay == 0 and state.hot_update(z):
+            return
+        super().update(z, R, H, delay=delay)
+
+    predict.__doc__ = FilterSurface.predict.__doc__
+    update.__doc__ = FilterSurface.update.__doc__
+
+    # -- beyond filterpy ------------------------------------------------------------------
 
     @property
     def channel(self) -> Channel:
