@@ -7,11 +7,11 @@ import operator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ._lapack import Array, is_positive_definite
 from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError
 
-Array = NDArray[np.float64]
 Shape = tuple[int | None, ...]
 
 # A covariance may miss positive semidefiniteness by rounding: this fraction of its largest entry.
@@ -45,9 +45,13 @@ def matrix(value: ArrayLike, shape: Shape, name: str, meaning: str = "") -> Arra
     array = real(value, name)
     if array.ndim == 0 and all(size in (1, None) for size in shape):
         array = array.reshape((1,) * len(shape))
-    if array.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, array.shape, strict=True)):
+    if array.ndim != len(shape) or any(
+        s is not None and s != n for s, n in zip(shape, array.shape, strict=True)
+    ):
         wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
-        raise ShapeError(f"{name} must have shape {wanted}{' ' + meaning if meaning else ''}, got {array.shape}")
+        raise ShapeError(
+            f"{name} must have shape {wanted}{' ' + meaning if meaning else ''}, got {array.shape}"
+        )
     return finite(array, name)
 
 
@@ -72,7 +76,9 @@ def check_covariance(array: Array, name: str) -> None:
         if array[0, 0] < 0.0:
             raise CovarianceError(f"{name} must be positive semidefinite, got the variance {array[0, 0]:.3g}")
         return
-    if (array == array.T).all() and _positive_definite(array):
+    if np.count_nonzero(array) == np.count_nonzero(array.diagonal()) and array.diagonal().min() >= 0.0:
+        return
+    if (array == array.T).all() and is_positive_definite(array):
         return
     scale = float(np.abs(array).max(initial=0.0))
     if scale == 0.0:
@@ -85,15 +91,9 @@ def check_covariance(array: Array, name: str) -> None:
     unit = np.where(width > 0.0, width, np.sqrt(scale))
     lowest = float(np.linalg.eigvalsh(array / np.outer(unit, unit))[0])
     if lowest < -PSD_SLACK * len(array):
-        raise CovarianceError(f"{name} must be positive semidefinite, its smallest (scaled) eigenvalue is {lowest:.3g}")
-
-
-def _positive_definite(array: Array) -> bool:
-    try:
-        np.linalg.cholesky(array)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+        raise CovarianceError(
+            f"{name} must be positive semidefinite, its smallest (scaled) eigenvalue is {lowest:.3g}"
+        )
 
 
 def column(value: ArrayLike, size: int, name: str) -> Array:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array, readonly
+from ..errors import UnobservableWindow
+from ..gains import observability_index
 from ..joint import Joint, joint_gain
 from ..model import Model
 from ..window import Row, model_window
@@ -18,7 +20,7 @@ from .covariance import Covariance
 from .records import Solution
 from .segmented import Lagged, Segmented
 
-__all__ = ["PairPlan", "PairRing", "pair_plan"]
+__all__ = ["PairPlan", "PairRing", "pair_plan", "reach"]
 
 FLOAT = np.dtype(float)
 
@@ -200,3 +202,28 @@ class PairRing:
 def pair_plan(model: Model, horizon: int, lag: int) -> PairPlan:
     """The shared plan of a model, a horizon and a lag."""
     return PairPlan(model, horizon, lag)
+
+
+def reach(model: Model, horizon: int, lag: int) -> int | None:
+    """The shortest horizon that determines the newest state, None where none does.
+
+    Raises
+    ------
+    UnobservableWindow
+        If the window given can never determine the newest state or the lagged one, though a longer one could.
+    """
+    shortest = observability_index(model)
+    if shortest is None:
+        return None
+    if horizon < shortest:
+        raise UnobservableWindow(
+            f"horizon must be at least {shortest} for this model (the shortest window that determines its "
+            f"{model.dim_x} states), got {horizon}; lengthen the horizon or measure another state",
+            shortest=shortest,
+        )
+    if lag and not model_window(model, horizon, lag).determined():
+        raise UnobservableWindow(
+            f"a window of {horizon} steps must determine the state {lag} steps ago, it cannot; "
+            f"shorten the lag, lengthen the horizon or measure another state"
+        )
+    return shortest

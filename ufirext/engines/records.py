@@ -77,6 +77,7 @@ class Records:
         self.first = now  # number of steps[0]
         self.rows: list[Row] = []
         self.after: Array | None = None  # edits of x since the last row of this step
+        self.peak: Row | None = None  # the row with the most information
 
     def advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """One predict()."""
@@ -97,7 +98,19 @@ class Records:
 
     def add(self, row: Row) -> None:
         """A row that arrived now."""
-        self.rows.append(row if self.after is None or row.origin < self.now else replace(row, shift=self.after))
+        self.rows.append(
+            row if self.after is None or row.origin < self.now else replace(row, shift=self.after)
+        )
+
+    def negligible(self, row: Row) -> bool:
+        """A row whose information is nothing beside the largest in reach counts as missing."""
+        if not self.rows:
+            return False
+        if self.peak is None or self.peak.arrival < self.rows[0].arrival:
+            self.peak = max(self.rows, key=lambda other: other.information)
+        if row.information > self.peak.information:
+            self.peak = row
+        return row.information < NEGLIGIBLE * self.peak.information
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more."""
@@ -199,8 +212,3 @@ def measured(z: Array, H: Array, R: Array) -> tuple[Array, Array, Array, Array]:
     if mask.all():
         return z, H, R, mask
     return z[mask], H[mask], R[np.ix_(mask, mask)], mask
-
-
-def negligible(row: Row, rows: Sequence[Row]) -> bool:
-    """A row whose information is nothing beside the window's counts as missing."""
-    return bool(rows) and row.information < NEGLIGIBLE * max(other.information for other in rows)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array
+from .._lapack import cholesky_solver
 from ..window import Row
 from .covariance import Covariance
-from .linear import cholesky_solver
 from .plan import Plan
 from .records import NEGLIGIBLE, Limits, Records, Solution, Step
 
@@ -41,13 +41,14 @@ class Ring:
 
     def __init__(self, plan: Plan, limits: Limits, now: int) -> None:
         self.plan, self.limits = plan, limits
-        self.keep = limits.reach + limits.horizon + 1  # rows within reach, and late ones that came within it
+        self.keep = 2 * limits.reach + 1  # rows within reach that were as late as can be when they came
         self.capacity = self.keep + max(self.keep, 256)
         self.base = now - self.keep + 1  # step of slot 0: the past is empty slots
         self.end = self.keep  # one past the newest slot
         self.free = np.zeros((self.capacity, plan.model.dim_z))
         self.flat = self.free.reshape(-1)
-        self.single, self.ones = plan.model.dim_z == 1, np.ones(plan.model.dim_z)
+        m = plan.model.dim_z
+        self.single, self.ones, self.flat_shape, self.column_shape = m == 1, np.ones(m), (m,), (m, 1)
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
         self._default()
@@ -210,10 +211,16 @@ class Ring:
                     return False
                 self.flat[i] = value
             else:
-                if z.dtype is not FLOAT or z.size != self.free.shape[1] or z.ndim > 2:
+                shape = z.shape
+                if z.dtype is not FLOAT:
                     return False
-                self.free[i] = z if z.ndim == 1 else z.reshape(-1)
-                total = self.ones.dot(self.free[i])
+                if shape == self.flat_shape:
+                    self.free[i] = z
+                elif shape == self.column_shape:
+                    self.free[i] = z[:, 0]
+                else:
+                    return False
+                total = self.ones.dot(z)
                 if total - total != 0.0:
                     return False
         except (AttributeError, TypeError, ValueError):
@@ -255,8 +262,7 @@ class Ring:
     def adopt(self, records: Records) -> bool:
         """Take over a past of plain rows; False where it holds anything a ring of this model does not."""
         model = self.plan.model
-        low = self.base + self.end - self.keep
-        inputs = any(step.known is not None for step in list(records.steps)[max(low + 1 - records.first, 0) :])
+        inputs = any(step.known is not None for step in records.steps)
         if inputs or records.after is not None or records.now != self.now:
             return False
         for row in records.rows:
@@ -323,7 +329,11 @@ class Ring:
         if span > PATTERN_STEPS:
             return self._normal(span, weights)
         pattern = self.plan.pattern(weights.tobytes())
-        return pattern.weighted_gain.dot(self.free[self.end - span : self.end].reshape(-1)) if pattern.determined else None
+        return (
+            pattern.weighted_gain.dot(self.free[self.end - span : self.end].reshape(-1))
+            if pattern.determined
+            else None
+        )
 
     def hole(self) -> None:
         """The hot path's update(None): a slot that stays empty."""
@@ -369,7 +379,9 @@ class Ring:
 
     def _span(self, length: int) -> int:
         """Slots the working view covers: a power of two while the window grows, so that few bases are needed."""
-        return min(max(8, 1 << (length + self.overhang - 1).bit_length()), self.limits.horizon + self.overhang)
+        return min(
+            max(8, 1 << (length + self.overhang - 1).bit_length()), self.limits.horizon + self.overhang
+        )
 
     def _normal(self, span: int, weights: Array) -> Array | None:
         """Normal equations in the basis of the full window; None where the rows present are too few for them."""

@@ -7,7 +7,7 @@ digits.
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -24,6 +24,7 @@ from ..segments import (
     combine,
     covariance,
     estimate,
+    hopeless,
     known_start,
     split,
     transition,
@@ -63,6 +64,7 @@ class Segmented(Records):
         self.peaks: deque[tuple[int, float]] = deque()  # sliding maximum of the rows' information
         self.start: int | None = None  # of the window; None while its rows do not determine the state
         self.clear = True  # whether the folds are accurate enough for this window
+        self.doubtful = False  # whether no window of the model seen first determines the state
         self.tidied = now
         self._fold()
 
@@ -164,6 +166,11 @@ class Segmented(Records):
                 if deviation is not None:
                     self.start, self.clear = self.instants[candidate], True
                     return self._solution(deviation, segment, len(self.instants) - candidate)
+        oldest = bisect_right(self.instants, floor)
+        if oldest < len(self.instants) and hopeless(
+            self._closed(self.whole, self.instants[oldest], self.now)
+        ):
+            return None
         return self._solve_slowly(limits)
 
     def _candidates(self, place: int, before: int | None, floor: int) -> Iterator[int]:

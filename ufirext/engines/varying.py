@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from .._lapack import cholesky_solver
 from ..window import Row
 from .covariance import Covariance
-from .linear import cholesky_solver
 from .records import Limits, Records, Solution
 
 # A scaled pivot below this: the normal equations would lose too much, the reference solves instead.
@@ -160,7 +160,9 @@ class Varying(Records):
         block = self.active
         if block is None:
             return
-        if self.spread > spread or self._key(row) <= max(block.boundary, self.following.boundary if self.following else 0):
+        if self.spread > spread or self._key(row) <= max(
+            block.boundary, self.following.boundary if self.following else 0
+        ):
             self.active = self.following = None  # the sums have no place for it
             return
         self.counts[self.now] += 1
@@ -182,8 +184,8 @@ class Varying(Records):
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, two steps late: covariances are worked out afterwards."""
         bound = self.now - limits.reach - 2
-        if not self.rows or self._key(self.rows[0]) > bound - 32:
-            return  # in batches
+        if not self.rows or self._key(self.rows[0]) > bound - max(32, limits.reach // 2):
+            return  # in batches: a step costs the same at every horizon
         self.rows = [row for row in self.rows if self._key(row) > bound]
         kept = bound - self.spread - limits.reach
         for table in (self.by_key, self.counts, self.path):
@@ -265,7 +267,13 @@ class Varying(Records):
         if x is None:
             return super().solve(limits)
         past = Past(self, self.now, self.rows[-1] if self.rows else None)
-        return Solution(x, Covariance(_covariance, (past,)), Covariance(_gain, (past,)), Covariance(_newest, (past,)), self._count())
+        return Solution(
+            x,
+            Covariance(_covariance, (past,)),
+            Covariance(_gain, (past,)),
+            Covariance(_newest, (past,)),
+            self._count(),
+        )
 
     def _count(self) -> int:
         now = self.now
@@ -294,7 +302,9 @@ class Varying(Records):
         ahead = block.products[now - block.frame].dot(lead)
         if not scale.all() or abs(ahead).max() > GROWTH:
             return None
-        factor, solution, info = cholesky_solver()(Lam / np.multiply.outer(scale, scale), (eta + block.eta.dot(lead)) / scale)
+        factor, solution, info = cholesky_solver()(
+            Lam / np.multiply.outer(scale, scale), (eta + block.eta.dot(lead)) / scale
+        )
         if info or min(factor.diagonal().tolist()) < WEAK_PIVOT:
             return None
         x: Array = ahead.dot(solution / scale)

@@ -44,10 +44,17 @@ class Live:
         self.value = readonly(array)
         return True
 
-    def same(self, array: Array) -> Array:
-        """`value` itself where `array` equals it: what is constant is recognised by identity."""
-        value = self.value
-        return value if array.shape == value.shape and array.tobytes() == value.tobytes() else array
+    def known(self, value: Any) -> Array | None:
+        """The frozen value itself where `value` is an array equal to it: what is constant is known by identity."""
+        own = self.value
+        if value.__class__ is np.ndarray and value.shape == own.shape and value.dtype == own.dtype:
+            return own if value.tobytes() == own.tobytes() else None
+        return None
+
+    def taken(self, value: Any) -> Array:
+        """`value` for one call: checked, copied, or the frozen value where it is equal."""
+        own = self.known(value)
+        return self._check(value) if own is None else own
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""

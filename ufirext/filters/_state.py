@@ -260,7 +260,12 @@ class _Square:
 
     def __call__(self, value: Any) -> Array:
         array = real(value, self.name)
-        return square(array.reshape(()) if array.size == self.size == 1 else array, self.size, self.name, "(dim_x, dim_x)")
+        return square(
+            array.reshape(()) if array.size == self.size == 1 else array,
+            self.size,
+            self.name,
+            "(dim_x, dim_x)",
+        )
 
 
 class _Covariance:
@@ -271,7 +276,9 @@ class _Covariance:
         array = real(value, self.name)
         if array.size == self.size == 1:
             array = array.reshape(())
-        return covariance(array, self.size, self.name, "(dim_z, dim_z)" if self.name == "R" else "(dim_x, dim_x)")
+        return covariance(
+            array, self.size, self.name, "(dim_z, dim_z)" if self.name == "R" else "(dim_x, dim_x)"
+        )
 
 
 class _Inputs:

@@ -196,7 +196,11 @@ class FilterSurface:
     # -- verbs ------------------------------------------------------------------------------------------------
 
     def predict(
-        self, u: ArrayLike | None = None, B: ArrayLike | None = None, F: ArrayLike | None = None, Q: ArrayLike | None = None
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
     ) -> None:
         """Advance one step: x <- F x + B u.
 
@@ -218,15 +222,17 @@ class FilterSurface:
         self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
     ) -> tuple[Array, Array, Array | None]:
         state, n = self._state, self.dim_x
-        F_now = state.F.value if F is None else state.F.same(square(F, n, "F", "(dim_x, dim_x)"))
-        Q_now = state.Q.value if Q is None else state.Q.same(covariance(Q, n, "Q", "(dim_x, dim_x)"))
+        F_now = state.F.value if F is None else state.F.taken(F)
+        Q_now = state.Q.value if Q is None else state.Q.taken(Q)
         known = None
         if u is not None and (B is not None or state.B is not None):
             inputs = state.B.value if B is None and state.B is not None else _as_inputs(B, n)
             known = inputs @ _input(u, inputs.shape[1])
         return F_now, Q_now, known
 
-    def update(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0) -> None:
+    def update(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
+    ) -> None:
         """Take a measurement.
 
         Parameters
@@ -251,17 +257,25 @@ class FilterSurface:
         whole = z_in is not None and z_in.dot(z_in) < np.inf
         state.update(z_in, H_in, R_in, delay, whole=whole and state.sees_all(H_in))
 
-    def _measurement(self, z: ArrayLike | None, R: ArrayLike | None, H: ArrayLike | None) -> tuple[Array | None, Array, Array]:
+    def _measurement(
+        self, z: ArrayLike | None, R: ArrayLike | None, H: ArrayLike | None
+    ) -> tuple[Array | None, Array, Array]:
         state = self._state
-        H_now = state.H.value if H is None else state.H.same(self._observation(H))
+        H_now = state.H.value if H is None else state.H.known(H)
+        if H_now is None:
+            H_now = self._observation(H)
         m = len(H_now)
         if R is not None:
-            raw = real(R, "R")
-            R_now = state.R.same(covariance(raw.reshape(()) if raw.size == m == 1 else raw, m, "R", "(rows of H)"))
+            R_now = state.R.known(R)
+            if R_now is None:
+                raw = real(R, "R")
+                R_now = covariance(raw.reshape(()) if raw.size == m == 1 else raw, m, "R", "(rows of H)")
         else:
             R_now = state.R.value
             if len(R_now) != m:
-                raise ShapeError(f"R must be given with an H of {m} rows: the filter's own R has shape {R_now.shape}")
+                raise ShapeError(
+                    f"R must be given with an H of {m} rows: the filter's own R has shape {R_now.shape}"
+                )
         return measurement(z, m), H_now, R_now
 
     def _observation(self, H: ArrayLike) -> Array:
@@ -280,7 +294,9 @@ class FilterSurface:
         self.update(z)
         self._state.keep_P(P, last)
 
-    def update_correlated(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None) -> None:
+    def update_correlated(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None
+    ) -> None:
         """`update` with process and measurement noise correlated by M (acts on S, and on x in warm-up)."""
         state = self._state
         state.settle()
@@ -296,7 +312,9 @@ class FilterSurface:
         start = integer(start, "start", 0, self.dim_z - 1)
         stop = start + len(values)
         if not 1 <= len(values) <= self.dim_z - start:
-            raise ShapeError(f"z_i must hold 1 to {self.dim_z - start} components from start={start} on, got {len(values)}")
+            raise ShapeError(
+                f"z_i must hold 1 to {self.dim_z - start} components from start={start} on, got {len(values)}"
+            )
         H = state.H.value.copy()
         R = state.R.value.copy()
         z = np.full(self.dim_z, np.nan)
@@ -313,7 +331,11 @@ class FilterSurface:
     # -- helpers ----------------------------------------------------------------------------------------------
 
     def get_prediction(
-        self, u: ArrayLike | None = None, B: ArrayLike | None = None, F: ArrayLike | None = None, Q: ArrayLike | None = None
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
     ) -> tuple[Array, Array]:
         """x and P as `predict` would give them; changes nothing."""
         fork = copy.deepcopy(self)
@@ -345,7 +367,11 @@ class FilterSurface:
         mask = ~np.isnan(flat)
         state = self._state.look()
         residual = flat - state.H.value @ self.x.reshape(-1)
-        S = self.S if state.last is not None else state.H.value @ state.P.value @ state.H.value.T + state.R.value
+        S = (
+            self.S
+            if state.last is not None
+            else state.H.value @ state.P.value @ state.H.value.T + state.R.value
+        )
         return log_normal(residual[mask], S[np.ix_(mask, mask)])
 
     def test_matrix_dimensions(

@@ -10,7 +10,7 @@ import numpy as np
 from .._arrays import Array, integer
 from ..engines.covariance import Covariance
 from ..engines.plan import Plan, plan
-from ..engines.records import Limits, Records, Solution, negligible
+from ..engines.records import Limits, Records, Solution
 from ..engines.ring import GROWING_GAINS, Ring
 from ..engines.varying import Varying
 from ..errors import HorizonError, UnobservableWindow
@@ -71,7 +71,9 @@ class UFIRState(FilterState):
 
     def refresh(self) -> None:
         """Look at the model: observability index, and the horizon where it is chosen from the model."""
-        due = self.refreshed is None or (self.policy == "auto" and self.now - self.refreshed >= (self.horizon or 0))
+        due = self.refreshed is None or (
+            self.policy == "auto" and self.now - self.refreshed >= (self.horizon or 0)
+        )
         if not (self.stale and due):
             return
         model = self._model()
@@ -175,7 +177,9 @@ class UFIRState(FilterState):
             return Covariance.of(np.zeros((self.dim_x, len(z))))
         return self._kalman(z, H, R, cross)
 
-    def _add(self, engine: Ring | Records, z: Array, H: Array, R: Array, delay: int) -> Solution | None | bool:
+    def _add(
+        self, engine: Ring | Records, z: Array, H: Array, R: Array, delay: int
+    ) -> Solution | None | bool:
         """The row into the engine: the solution, None where there is none yet, False for a row that says nothing."""
         if isinstance(engine, Ring):
             if not delay and H is self.anchor[1] and R is self.anchor[3] and engine.add_plain(z):
@@ -194,9 +198,13 @@ class UFIRState(FilterState):
                 return engine.solve()
             engine = self.engine = self._over(engine.records())
         row = Row(self.now - delay, self.now, H, R, z)
-        if negligible(row, engine.rows):
+        if engine.negligible(row):
             return False
-        if delay or not (H is self.H.value and R is self.R.value) or (engine.rows and engine.rows[-1].arrival == self.now):
+        if (
+            delay
+            or not (H is self.H.value and R is self.R.value)
+            or (engine.rows and engine.rows[-1].arrival == self.now)
+        ):
             self.irregular = self.now
         engine.add(row)
         engine.forget(self.limits)
@@ -279,7 +287,11 @@ class UFIRState(FilterState):
                     return True
             if length <= GROWING_GAINS:
                 gain = ring.plan.gain(length)
-                flat = None if gain is None else gain.dot(ring.flat[(ring.end - length) * self.dim_z : ring.end * self.dim_z])
+                flat = (
+                    None
+                    if gain is None
+                    else gain.dot(ring.flat[(ring.end - length) * self.dim_z : ring.end * self.dim_z])
+                )
             else:
                 flat = ring.hot_estimate()
         else:
@@ -301,7 +313,7 @@ class UFIRState(FilterState):
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            x = self.posted_x()
+            x = self.product(self.views[self.engine.end]) if self.lazy else self.hot_x  # type: ignore[misc,union-attr]
             if self.mode == PREDICTED:
                 x = self.F.value.dot(x)
             elif not self.lazy:

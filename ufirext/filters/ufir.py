@@ -80,7 +80,9 @@ class UFIRFilter(FilterSurface):
         for name, value, allowed in (("missing", missing, MISSING), ("window", window, WINDOWS)):
             if value not in allowed:
                 raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
-        super().__init__(dim_x, dim_z, dim_u, new_state(dim_x, dim_z, checked_horizon(horizon), missing, window))
+        super().__init__(
+            dim_x, dim_z, dim_u, new_state(dim_x, dim_z, checked_horizon(horizon), missing, window)
+        )
 
     @classmethod
     def from_filterpy(cls, kf: Any, horizon: int | str = "auto", **options: Any) -> UFIRFilter:
@@ -113,7 +115,11 @@ class UFIRFilter(FilterSurface):
         self._state.write_x(value)
 
     def predict(
-        self, u: ArrayLike | None = None, B: ArrayLike | None = None, F: ArrayLike | None = None, Q: ArrayLike | None = None
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
     ) -> None:
         state = self._state
         if state.mode == POSTED and u is None and F is None and Q is None:
@@ -124,11 +130,15 @@ class UFIRFilter(FilterSurface):
                 return
         super().predict(u, B, F, Q)
 
-    def update(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0) -> None:
+    def update(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
+    ) -> None:
         state = self._state
         if state.mode == PREDICTED and R is None and H is None and delay == 0:
             x = state._x_handed
-            if (x is None or x.tobytes() == state._x_raw) and state.take(z):
+            if (x is None or x.tobytes() == state._x_raw) and (
+                state.lazy and state.engine.store(z) or state.take(z)
+            ):
                 state._x_handed = None
                 state.mode = POSTED
                 return
