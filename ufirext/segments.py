@@ -24,6 +24,7 @@ __all__ = [
     "combine",
     "covariance",
     "estimate",
+    "hopeless",
     "known_start",
     "split",
     "transition",
@@ -126,6 +127,15 @@ def split(first: Segment, second: Segment) -> tuple[Array, Array, Array] | None:
     return Db + spread @ (root.T @ eta), P, second.A @ P
 
 
+def hopeless(whole: Segment) -> bool:
+    """Whether the rows leave directions unseen, as far as doubles can tell, that reach the last state."""
+    diagonal = whole.J.diagonal()
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(whole.J / (scale[:, None] * scale))
+    zero = values <= NOTHING * len(values) * values[-1]
+    return bool(zero.any()) and not _hidden(whole.A / scale, vectors[:, zero])
+
+
 def _inverse_root(J: Array, A: Array) -> Array | None:
     """W with W W' = J^+; None where what J does not see reaches A x, or nobody can tell what it sees."""
     diagonal = J.diagonal()
@@ -134,13 +144,15 @@ def _inverse_root(J: Array, A: Array) -> Array | None:
     if values[0] > SOMETHING * values[-1]:
         return np.asarray(vectors / (scale[:, None] * np.sqrt(values)))
     zero = values <= NOTHING * len(J) * values[-1]
-    if (values[~zero] <= SOMETHING * values[-1]).any():
-        return None
-    scaled = A / scale
-    unseen, size = np.abs(scaled @ vectors[:, zero]).max(axis=1), np.sqrt((scaled**2).sum(axis=1))
-    if (unseen > REACH_TOLERANCE * size).any():
+    if (values[~zero] <= SOMETHING * values[-1]).any() or not _hidden(A / scale, vectors[:, zero]):
         return None
     return np.asarray(vectors[:, ~zero] / (scale[:, None] * np.sqrt(values[~zero])))
+
+
+def _hidden(A: Array, unseen: Array) -> bool:
+    """Whether the unit vectors `unseen` do not reach A x, row by row."""
+    size = np.sqrt((A**2).sum(axis=1))
+    return bool((np.abs(A @ unseen).max(axis=1) <= REACH_TOLERANCE * size).all())
 
 
 class SlidingFold:

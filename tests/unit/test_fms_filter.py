@@ -503,3 +503,16 @@ class TestFilterpysFace:
         f.predict()
         with pytest.raises(CovarianceError, match="R must not be zero"):
             f.update(1.0, R=0.0)
+
+
+def test_an_unobservable_model_coasts_as_a_kalman_filter():
+    model = Model(np.eye(2), [[1.0, 0.0]], Q=0.1, R=1.0)
+    f, x, P = made(model, 6, 2), np.zeros(2), 100.0 * np.eye(2)
+    for i in range(40):
+        P = P + model.Q
+        f.predict()
+        f.update(float(i))
+        x, P = kalman_update(x, P, np.array([float(i)]), model.H, model.R)
+        np.testing.assert_allclose(f.x, x, rtol=1e-12)
+        assert not f.ready
+        assert np.isfinite(f.x_lag).all()

@@ -166,12 +166,12 @@ class Segmented(Records):
                 if deviation is not None:
                     self.start, self.clear = self.instants[candidate], True
                     return self._solution(deviation, segment, len(self.instants) - candidate)
+        return None if self.doubtful and self._hopeless(floor) else self._solve_slowly(limits)
+
+    def _hopeless(self, floor: int) -> bool:
+        """Whether all rows within reach leave directions unseen that the newest state depends on."""
         oldest = bisect_right(self.instants, floor)
-        if oldest < len(self.instants) and hopeless(
-            self._closed(self.whole, self.instants[oldest], self.now)
-        ):
-            return None
-        return self._solve_slowly(limits)
+        return hopeless(self._closed(self.whole, self.instants[oldest], self.now))
 
     def _candidates(self, place: int, before: int | None, floor: int) -> Iterator[int]:
         """Where the window may start: where it should, else as little before as it has done."""

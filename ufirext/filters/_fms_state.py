@@ -9,13 +9,12 @@ import numpy as np
 
 from .._arrays import Array, integer
 from ..engines.covariance import Covariance
-from ..engines.pairs import PairRing, pair_plan
+from ..engines.pairs import PairRing, pair_plan, reach
 from ..engines.records import Limits, Solution
 from ..engines.segmented import Lagged, Prior, Segmented
 from ..errors import CovarianceError, UnobservableWindow
-from ..gains import observability_index
 from ..model import Model
-from ..window import Row, model_window
+from ..window import Row
 from ._state import FilterState
 from ._ufir_state import POSTED, PREDICTED, SLOW
 from ._update import innovation_gain, joseph
@@ -59,21 +58,7 @@ class FMSState(FilterState):
     def check(self) -> None:
         """Look at the model once: raise if the window can never determine the states that are wanted."""
         self.unchecked = False
-        model = self._model()
-        self.index = observability_index(model)
-        if self.index is None:
-            return
-        if self.horizon < self.index:
-            raise UnobservableWindow(
-                f"horizon must be at least {self.index} for this model (the shortest window that determines "
-                f"its {self.dim_x} states), got {self.horizon}; lengthen the horizon or measure more",
-                shortest=self.index,
-            )
-        if self.lag and not model_window(model, self.horizon, self.lag).determined():
-            raise UnobservableWindow(
-                f"a window of {self.horizon} steps must determine the state {self.lag} steps ago, it cannot; "
-                f"shorten the lag, lengthen the horizon or measure another state"
-            )
+        self.index = reach(self._model(), self.horizon, self.lag)
 
     def _model(self) -> Model:
         return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
@@ -86,6 +71,7 @@ class FMSState(FilterState):
         if self.engine is None:
             self.known, self.own_P = Prior(self.now, self.x, self.P.value), self.P
             self.engine = Segmented(F, Q, self.now, self.x)
+            self.engine.doubtful = self.index is None
         return self.engine
 
     def _ring(self, engine: Segmented, F: Array, Q: Array) -> PairRing | None:
