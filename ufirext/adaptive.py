@@ -184,6 +184,8 @@ class HorizonBank:
     ENOUGH = 8.0
     # A challenger must be better by this fraction: equal candidates do not take turns.
     MARGIN = 0.02
+    # Means closer than this fraction are equal: the shortest horizon wins.
+    TIE = 1e-9
 
     __slots__ = ("_best", "_counts", "_sums", "candidates", "forgetting")
 
@@ -228,7 +230,8 @@ class HorizonBank:
         if not eligible.any():
             return
         means = np.where(eligible, self._sums, np.inf) / np.where(eligible, self._counts, 1.0)
-        challenger = int(means.argmin())
+        # While windows grow the longer candidates are one and the same: rounding must not choose.
+        challenger = int((means <= means.min() * (1.0 + self.TIE)).argmax())
         if means[challenger] < (1.0 - self.MARGIN) * means[self._best]:
             self._best = challenger
 

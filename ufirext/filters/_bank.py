@@ -32,7 +32,7 @@ class Member(UFIRState):
         self.taken = False  # whether the last row went into the window
         self.follow(owner)
         if past is not None:
-            self.engine = past.copy()
+            self.engine = self._over(past.copy())
             self.solution = past.solve(self.limits)
 
     def follow(self, owner: AdaptiveState) -> None:
@@ -100,8 +100,9 @@ class AdaptiveState(UFIRState):
     """A bank of candidates that see the same rows; x, P and all that is published are the best one's.
 
     Candidates are judged by how well they foretell the rows: z against H F x^_{n-1} + known inputs, a late row
-    against H x^ as it stood at its origin. Estimates of all candidates are the rows of `X`, NaN where a window does
-    not determine the state.
+    against H x^ as it stood at its origin. The rows of a step are judged together and count from the next step on:
+    x is linear in the newest row, and rows may come in any order. Estimates of all candidates are the rows of `X`,
+    NaN where a window does not determine the state.
     """
 
     def __init__(self, dim_x: int, dim_z: int, missing: str, window: str) -> None:
@@ -113,6 +114,8 @@ class AdaptiveState(UFIRState):
         self.members: list[Member] = []
         self.current = 0  # the member whose estimate is published
         self.X = self.stood = np.zeros((0, self.dim_x))  # now, and as the rows of this step see it
+        self.foretold = self.X  # before the rows of this step
+        self.errors: Array | None = None  # of the rows of this step
         self.past: deque[Array] = deque()  # `stood` of earlier steps, newest last
         self.fed = 0  # step of the last row
         self.white: tuple[Array, Array] | None = None  # R and its whitener
@@ -129,7 +132,9 @@ class AdaptiveState(UFIRState):
 
     def single(self) -> UFIRState:
         """Go on as a filter with one horizon, from the longest window there is."""
-        new = UFIRState(self.dim_x, self.dim_z, "auto", self.missing, "arrivals" if self.by_arrival else "origins")
+        new = UFIRState(
+            self.dim_x, self.dim_z, "auto", self.missing, "arrivals" if self.by_arrival else "origins"
+        )
         new.__dict__.update({name: self.__dict__[name] for name in new.__dict__})
         new.engine = self._longest()
         return new
@@ -140,7 +145,11 @@ class AdaptiveState(UFIRState):
         """Look at the model: which candidates there are. At most once per horizon, as "auto" does."""
         if not self.stale:
             return
-        if self.refreshed is not None and self.index is not None and self.now - self.refreshed < (self.horizon or 0):
+        if (
+            self.refreshed is not None
+            and self.index is not None
+            and self.now - self.refreshed < (self.horizon or 0)
+        ):
             return
         self.index = observability_index(self._model())
         self.refreshed, self.stale = self.now, False
@@ -161,7 +170,8 @@ class AdaptiveState(UFIRState):
         for i, member in enumerate(self.members):
             if member.solution is not None:
                 self.X[i] = member.solution.x
-        self.stood = self.X
+        self.stood = self.foretold = self.X
+        self.errors = None
         self.past = deque(maxlen=self.members[-1].limits.reach)
         self.fed = self.now
 
@@ -180,18 +190,24 @@ class AdaptiveState(UFIRState):
         member.settle()
         return member._as_records()
 
-    def _errors(self, z: Array, H: Array, R: Array, delay: int) -> Array:
-        """Squared whitened prediction errors of a row, one a candidate."""
+    def _judge(self, z: Array, H: Array, R: Array, delay: int) -> None:
+        """Squared whitened prediction errors of a row, one a candidate, to those of this step."""
         if delay > len(self.past):
-            return np.full(len(self.X), np.nan)
+            return
         if self.white is None or self.white[0] is not R:
             self.white = (R, whitener(R))
-        X = self.past[-delay] if delay else self.X
+        X = self.past[-delay] if delay else self.foretold
         white = (z - X @ H.T) @ self.white[1].T
-        # Errors grow with the time since the last row: the end of a gap must not outvote a hundred steps.
-        lead = max(1, self.now - self.fed)
-        errors: Array = (white * white).sum(axis=1) / lead**2
-        return errors
+        errors = (white * white).sum(axis=1)
+        self.errors = errors if self.errors is None else self.errors + errors
+
+    def _score(self) -> None:
+        """The end of a step: its rows count."""
+        if self.errors is not None:
+            # Errors grow with the time since the last row: the end of a gap must not outvote a hundred steps.
+            lead = max(1, self.now - self.fed)
+            self.bank.score(self.errors / lead**2)  # type: ignore[union-attr]
+            self.errors, self.fed = None, self.now
 
     def _collect(self) -> None:
         """Estimates of all candidates after an update."""
@@ -232,15 +248,16 @@ class AdaptiveState(UFIRState):
             self.refresh()
         for member in self.members:
             member.step(F, Q, known)
+        self._score()
         self.past.append(self.stood)
         moved = self.X @ F.T
-        self.X = self.stood = moved if known is None else moved + known
+        self.X = self.stood = self.foretold = moved if known is None else moved + known
 
     def _moved(self, delta: Array) -> None:
         super()._moved(delta)
         for member in self.members:
             member.edit(delta)
-        self.X = self.X + delta
+        self.X, self.foretold = self.X + delta, self.foretold + delta
         if not self.updated:
             self.stood = self.X
 
@@ -249,13 +266,11 @@ class AdaptiveState(UFIRState):
             self.refresh()
         if delay and self._too_old(delay):
             self.dropped += 1
-        errors = self._errors(z, H, R, delay)
         for member in self.members:
             member.feed(z, H, R, delay)
         nothing = Covariance.of(np.zeros((self.dim_x, len(z))))
         if any(member.taken for member in self.members):
-            self.bank.score(errors)  # type: ignore[union-attr]
-            self.fed = self.now
+            self._judge(z, H, R, delay)
         elif self.missing == "extend":
             return nothing
         member = self._follow_best()
@@ -278,7 +293,9 @@ class AdaptiveState(UFIRState):
         """Whether the rows that some candidate's window reaches determine the state."""
         if not self.members:
             return super().ready
-        return self.solution is not None and any(member.ready for member in self.members[self.current :] + self.members)
+        return self.solution is not None and any(
+            member.ready for member in self.members[self.current :] + self.members
+        )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> AdaptiveState:
         fork = super().__deepcopy__(memo)
