@@ -43,6 +43,8 @@ def finite(array: Array, name: str) -> Array:
 def matrix(value: ArrayLike, shape: Shape, name: str, meaning: str = "") -> Array:
     """A finite float64 matrix of `shape` (None: any size); a scalar fits where every size is 1 or None."""
     array = real(value, name)
+    if array.shape == shape:
+        return finite(array, name)
     if array.ndim == 0 and all(size in (1, None) for size in shape):
         array = array.reshape((1,) * len(shape))
     if array.ndim != len(shape) or any(

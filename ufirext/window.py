@@ -47,9 +47,14 @@ class Row:
         return whitener(self.R)
 
     @cached_property
+    def white(self) -> Array:
+        """The whitened H."""
+        return self.whitener.dot(self.H)
+
+    @cached_property
     def information(self) -> float:
         """trace(H' R^-1 H), by which negligible rows are recognised."""
-        return float(((self.whitener @ self.H) ** 2).sum())
+        return float(np.vdot(self.white, self.white))
 
 
 def whitener(R: Array) -> Array:

@@ -313,11 +313,11 @@ class Ring:
             length,
         )
 
-    def views(self, form: int) -> list[Array]:
-        """The full window that ends at each slot, in the client's form: a look-up costs less than a slice."""
-        m, N = self.free.shape[1], self.limits.horizon
-        shape = (-1, 1) if form == 2 else (-1,)
-        return [self.flat[max(end - N, 0) * m : end * m].reshape(shape) for end in range(self.capacity + 1)]
+    def view(self, form: int) -> Array:
+        """The full window that ends at the newest slot, as a column or flat, in the client's form."""
+        m = self.free.shape[1]
+        window = self.flat[(self.end - self.limits.horizon) * m : self.end * m]
+        return window.reshape(-1, 1) if form == 2 else window
 
     def hot_estimate(self) -> Array | None:
         """x of a window with holes as flat (dim_x,), None where it takes more than normal equations."""

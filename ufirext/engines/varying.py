@@ -178,8 +178,7 @@ class Varying(Records):
             z = z - row.H.dot(moved)
         if row.shift is not None:
             z = z - row.H.dot(row.shift)
-        W = row.whitener
-        return W.dot(row.H), W.dot(z)
+        return row.white, row.whitener.dot(z)
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, two steps late: covariances are worked out afterwards."""
@@ -300,7 +299,7 @@ class Varying(Records):
         Lam = Lam + lead.T.dot(block.Lam.dot(lead))
         scale = np.sqrt(Lam.diagonal())
         ahead = block.products[now - block.frame].dot(lead)
-        if not scale.all() or abs(ahead).max() > GROWTH:
+        if not min(scale.tolist()) > 0.0 or np.vdot(ahead, ahead) > GROWTH**2:
             return None
         factor, solution, info = cholesky_solver()(
             Lam / np.multiply.outer(scale, scale), (eta + block.eta.dot(lead)) / scale

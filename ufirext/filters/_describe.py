@@ -9,7 +9,25 @@ import numpy as np
 if TYPE_CHECKING:
     from ._surface import FilterSurface
 
-_NAMES = ("x", "P", "x_prior", "P_prior", "x_post", "P_post", "F", "Q", "R", "H", "K", "y", "S", "SI", "M", "B", "z")
+_NAMES = (
+    "x",
+    "P",
+    "x_prior",
+    "P_prior",
+    "x_post",
+    "P_post",
+    "F",
+    "Q",
+    "R",
+    "H",
+    "K",
+    "y",
+    "S",
+    "SI",
+    "M",
+    "B",
+    "z",
+)
 _FIGURES = ("log_likelihood", "likelihood", "mahalanobis", "alpha")
 
 

@@ -254,8 +254,8 @@ class FilterSurface:
         if delay.__class__ is not int or delay < 0:
             delay = integer(delay, "delay", 0)
         z_in, H_in, R_in = self._measurement(z, R, H)
-        whole = z_in is not None and z_in.dot(z_in) < np.inf
-        state.update(z_in, H_in, R_in, delay, whole=whole and state.sees_all(H_in))
+        whole = z_in is not None and z_in.dot(z_in) < np.inf and state.sees_all(H_in)
+        state.update(z_in, H_in, R_in, delay, whole=whole)
 
     def _measurement(
         self, z: ArrayLike | None, R: ArrayLike | None, H: ArrayLike | None
@@ -477,7 +477,7 @@ def measurement(z: ArrayLike | None, m: int) -> Array | None:
     if z is None:
         return None
     flat = column(z, m, "z")
-    if np.isinf(flat).any():
+    if not flat.dot(flat) < np.inf and np.isinf(flat).any():
         raise NonFiniteError(f"z must be finite (NaN marks a missing component), got {flat}")
     return flat
 

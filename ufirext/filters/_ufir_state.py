@@ -47,10 +47,12 @@ class UFIRState(FilterState):
         self.ready_at: int | None = None  # step of the last update that left the filter ready
         self.dropped = 0
         self.mode = SLOW
+        self._limits = Limits(1, 1, True, True)
+        self._limits_of: tuple[int | None, int | None] | None = None
         self.lazy = False  # x is worked out when it is read
         self.hot_x: Array | None = None  # x after the last hot update, unless lazy
         self.product: Any = None  # G.dot of the full window
-        self.views: list[Array] = []
+        self.views: list[Array | None] = []  # the full window that ends at each slot: looking up beats slicing
         self.seen = 0  # step up to which the published fields are worked out
 
     # -- horizon ----------------------------------------------------------------------------------------------
@@ -97,8 +99,12 @@ class UFIRState(FilterState):
     @property
     def limits(self) -> Limits:
         """The window's rules now."""
-        horizon = self.horizon or FALLBACK_HORIZON
-        return Limits(horizon, (self.index or 1) + 2, self.missing != "skip", self.by_arrival)
+        key = (self.horizon, self.index)
+        if self._limits_of != key:
+            horizon = self.horizon or FALLBACK_HORIZON
+            self._limits = Limits(horizon, (self.index or 1) + 2, self.missing != "skip", self.by_arrival)
+            self._limits_of = key
+        return self._limits
 
     # -- engines ----------------------------------------------------------------------------------------------
 
@@ -262,7 +268,7 @@ class UFIRState(FilterState):
         if self.lazy and self.product is None:
             gain = ring.plan.gain(ring.limits.horizon)
             self.product = None if gain is None else gain.dot
-            self.views = ring.views(self.form)
+            self.views = [None] * (ring.capacity + 1)
             self.lazy = self.product is not None
 
     def take(self, z: Any) -> bool:
@@ -306,14 +312,16 @@ class UFIRState(FilterState):
         """x after the last update on the hot path, in the client's form."""
         if self.lazy:
             ring: Ring = self.engine  # type: ignore[assignment]
-            x: Array = self.product(self.views[ring.end])  # type: ignore[misc]
-            return x
+            view = self.views[ring.end]
+            if view is None:
+                view = self.views[ring.end] = ring.view(self.form)
+            return self.product(view)  # type: ignore[no-any-return]
         return self.hot_x  # type: ignore[return-value]
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            x = self.product(self.views[self.engine.end]) if self.lazy else self.hot_x  # type: ignore[misc,union-attr]
+            x = self.posted_x()
             if self.mode == PREDICTED:
                 x = self.F.value.dot(x)
             elif not self.lazy:
