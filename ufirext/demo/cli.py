@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from rich import box
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -59,10 +60,10 @@ def _scores(scene: Scene, rng: np.random.Generator, runs: int, console: Console)
 
 def _table(title: str, scores: Scores, runs: int) -> Table:
     words = "one run" if runs == 1 else f"mean of {runs} runs ± standard error"
-    table = Table(title=f"{title}: RMSE of the position, m ({words})")
+    table = Table(title=f"{title}: RMSE of the position, m\n{words}", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("filter", no_wrap=True)
     for scenario in SCENARIOS:
-        table.add_column(scenario, justify="right")
+        table.add_column(scenario.replace(", ", ",\n"), justify="right", no_wrap=True)
     for name, row in scores.items():
         table.add_row(name, *(cell(row.get(scenario)) for scenario in SCENARIOS))
     return table
@@ -75,5 +76,6 @@ def _reading() -> list[str]:
         "them as new or not at all. UFIRFilter is told the delay.",
         "With every packet on time and the right Q and R, a Kalman filter is the yardstick and not to be "
         "beaten; finite memory is for when they are not.",
-        'horizon="auto" uses Q and R to choose the horizon, horizon="adaptive" neither.',
+        "Kalman is filterpy's KalmanFilter, UFIR is UFIRFilter: its horizon auto is chosen from the model's "
+        "Q and R, adaptive from the data alone.",
     ]

@@ -47,16 +47,16 @@ class Contender:
 
 
 CONTENDERS = (
-    Contender("KalmanFilter, right Q, R", None, late="as new"),
-    Contender("KalmanFilter, right Q, R, late dropped", None, late="dropped"),
-    Contender("KalmanFilter, Q x 100 (or R / 100)", None, 100.0, late="as new"),
-    Contender("KalmanFilter, Q x 10 (or R / 10)", None, 10.0, late="as new"),
-    Contender("KalmanFilter, Q / 10 (or R x 10)", None, 0.1, late="as new"),
-    Contender("KalmanFilter, Q / 100 (or R x 100)", None, 0.01, late="as new"),
-    Contender("UFIRFilter auto, right Q, R", "auto"),
-    Contender("UFIRFilter auto, Q x 100 (or R / 100)", "auto", 100.0),
-    Contender("UFIRFilter auto, Q / 100 (or R x 100)", "auto", 0.01),
-    Contender("UFIRFilter adaptive, no Q, no R", "adaptive", None),
+    Contender("Kalman, right Q, R", None, late="as new"),
+    Contender("Kalman, right Q, R, late dropped", None, late="dropped"),
+    Contender("Kalman, Q x 100 (or R / 100)", None, 100.0, late="as new"),
+    Contender("Kalman, Q x 10 (or R / 10)", None, 10.0, late="as new"),
+    Contender("Kalman, Q / 10 (or R x 10)", None, 0.1, late="as new"),
+    Contender("Kalman, Q / 100 (or R x 100)", None, 0.01, late="as new"),
+    Contender("UFIR auto, right Q, R", "auto"),
+    Contender("UFIR auto, Q x 100 (or R / 100)", "auto", 100.0),
+    Contender("UFIR auto, Q / 100 (or R x 100)", "auto", 0.01),
+    Contender("UFIR adaptive, no Q, no R", "adaptive", None),
 )
 
 

@@ -32,9 +32,9 @@ SHOWN, CLOSE_UP = 60, 24
 # Okabe and Ito's palette, told apart by colour-blind readers too.
 BLACK, ORANGE, SKY, BLUE, RED = "#000000", "#E69F00", "#56B4E9", "#0072B2", "#D55E00"
 LINES = {
-    "KalmanFilter, right Q, R": (RED, "--", "KalmanFilter, late packets as new"),
-    "KalmanFilter, right Q, R, late dropped": (ORANGE, "-.", "KalmanFilter, late packets dropped"),
-    "UFIRFilter auto, right Q, R": (BLUE, "-", "UFIRFilter, update(z, delay=d)"),
+    "Kalman, right Q, R": (RED, "--", "KalmanFilter, late packets as new"),
+    "Kalman, right Q, R, late dropped": (ORANGE, "-.", "KalmanFilter, late packets dropped"),
+    "UFIR auto, right Q, R": (BLUE, "-", "UFIRFilter, update(z, delay=d)"),
 }
 
 

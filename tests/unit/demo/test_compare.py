@@ -125,7 +125,7 @@ def test_one_run_scores_every_filter_in_every_scenario_and_knowing_delays_pays()
     for name, row in scores.items():
         assert set(row) == ({late} if "dropped" in name else set(SCENARIOS))
         assert all(np.isfinite(score.rmse) for score in row.values())
-    assert scores["UFIRFilter auto, right Q, R"][late].rmse < scores["KalmanFilter, right Q, R"][late].rmse
+    assert scores["UFIR auto, right Q, R"][late].rmse < scores["Kalman, right Q, R"][late].rmse
 
 
 def test_equal_steps_share_a_model_and_others_do_not() -> None:

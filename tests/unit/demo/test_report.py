@@ -46,8 +46,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
 
 def test_the_command_prints_table_and_where_the_report_is(ran: tuple[str, Path]) -> None:
     output, folder = ran
-    assert "KalmanFilter" in output
-    assert "UFIRFilter" in output
+    assert "Kalman, right" in output
+    assert "UFIR adaptive" in output
     assert str(folder / "out" / "report.html") in output
 
 
