@@ -13,12 +13,12 @@ from ..channels import Channel
 from ..engines.covariance import Covariance
 from ..errors import UfirextError
 from ..recursions.augmented import Lifted
-from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, tilt, weight_root
+from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, tilted, weight_root
 from ..recursions.kalman import Posterior, update
-from ._late import LiftedState
+from ._late import Left
+from ._lifted import LiftedState
 from ._live import Live
 from ._state import _Covariance
-from ._update import Update
 
 Theta = float | str | Sequence[float] | Callable[[int], float]
 
@@ -54,6 +54,7 @@ class RobustState(LiftedState):
         self.theta = theta
         self.robust_form: Form = form
         self.clips, self.fraction = clips, fraction
+        self.rooted: tuple[Array, Array] | None = None
         self.past_account = Account()
         self.account: Account | None = None  # of the present step, once its theta was used
         self.tilted = False  # whether the P of this step is J^-1 already
@@ -84,10 +85,13 @@ class RobustState(LiftedState):
 
     def root(self) -> Array:
         """L with L'L = S on the newest block of the augmented state."""
-        root = weight_root(self.weight.value)
-        tall = np.zeros((len(root), len(self.tall.x)))
-        tall[:, : self.dim_x] = root
-        return tall
+        weight = self.weight.value
+        if self.rooted is None or self.rooted[0] is not weight:
+            root = weight_root(weight)
+            tall = np.zeros((len(root), len(self.tall.x)))
+            tall[:, : self.dim_x] = root
+            self.rooted = (weight, tall)
+        return self.rooted[1]
 
     def limit(self) -> float:
         """The theta below which the bound of the present step holds."""
@@ -149,7 +153,7 @@ class RobustState(LiftedState):
             self.account = Account(1, 0.0, 0.0)
             return state
         self.account = self.judged(state.P, self.now)
-        return state._replace(P=tilt(state.P, self.root(), self.account.lowest))
+        return state._replace(P=tilted(state.P, self.root(), self.account.lowest))
 
     def _start(self) -> Lifted:
         """The prior of an update: P before it was tilted, where the form tilts after its measurements."""
@@ -159,29 +163,32 @@ class RobustState(LiftedState):
         return state if self.bare is None else state._replace(P=self.bare)
 
     def _taken(
-        self, z: Array, H: Array, R: Array, mask: Array, delay: int, cross: Array | None
-    ) -> tuple[Update, Array, Array]:
-        met = self._settled().P if self.bare is None else self.bare
-        last, x, P = super()._taken(z, H, R, mask, delay, cross)
-        # S is told of the P that was published, whichever form the gain has.
-        return replace(last, P=Covariance.of(met)), x, P
+        self, z: Array, H: Array, R: Array, mask: Array | None, delay: int, cross: Array | None
+    ) -> tuple[Left, Array, Array]:
+        met = self._settled().P
+        left, x, P = super()._taken(z, H, R, mask, delay, cross)
+        if self.robust_form == "prior":
+            # S is told of the P that was published, not of the tilted one.
+            prior = Covariance.of(met)
+            left = (*left[:5], prior, *left[6:]) if isinstance(left, tuple) else replace(left, P=prior)
+        return left, x, P
 
     def _updated(self, state: Lifted, z: Array, H: Array, R: Array, cross: Array | None) -> Posterior:
         posterior = update(state.x, state.P, z, H, R, cross)
         if self.robust_form == "prior" or (self.tilted and self.bare is None):
             return posterior
-        tilted = self._tilted(posterior.P)
+        P = self._tilted(posterior.P)
         if self.robust_form == "mixed":
             # The other filter's gain; a second measurement of the step starts from the tilted P.
-            K = np.linalg.solve(R, H @ tilted).T
-            return posterior._replace(x=state.x + K @ posterior.y, P=tilted, K=K)
+            K = np.linalg.solve(R, H @ P).T
+            return posterior._replace(x=state.x + K @ posterior.y, P=P, K=K)
         self.bare = posterior.P
-        return posterior._replace(P=tilted)
+        return posterior._replace(P=P)
 
     def _tilted(self, P: Array) -> Array:
         self.account = self.judged(P, self.now)
         self.tilted = True
-        return tilt(P, self.root(), self.account.lowest)
+        return tilted(P, self.root(), self.account.lowest)
 
     def _nothing(self) -> None:
         if self.updated:

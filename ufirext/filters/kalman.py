@@ -10,8 +10,10 @@ from .._arrays import Array, integer
 from ..channels import Channel, TimeStamped
 from ..errors import UfirextError
 from ..recursions.delayed import Correlation
+from ._delayed import RecursiveState
 from ._describe import describe
-from ._late import LateState, LiftedState, RecursiveState
+from ._late import LateState
+from ._lifted import LiftedState
 from ._steady import POSTED, PREDICTED
 from ._surface import FilterSurface
 

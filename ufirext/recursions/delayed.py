@@ -15,7 +15,7 @@ from .._arrays import Array
 from ..channels import Effective, Step
 from .kalman import Posterior, predict, update
 
-__all__ = ["Correlation", "Delayed", "cross_covariance", "predict_delayed", "update_delayed"]
+__all__ = ["Correlation", "Delayed", "corrected", "cross_covariance", "predict_delayed", "update_delayed"]
 
 Correlation = Literal["exact", "correlated", "white"]
 
@@ -85,11 +85,16 @@ def update_delayed(
     cross = cross_covariance(state, row, correlation, cross)
     z = z + row.offset.reshape(z.shape)
     posterior = update(state.x, state.P, z, row.H, row.R, cross)
+    return corrected(state, posterior, row.H, row.G), posterior
+
+
+def corrected(state: Delayed, posterior: Posterior, H: Array, G: tuple[Array, ...] = ()) -> Delayed:
+    """The memory after an update:  E_j <- (I - K H) E_j + K G_{n-j} Q_j."""
     K = posterior.K
-    kept = [E - K.dot(row.H.dot(E)) for E in state.E]
-    for i, G in enumerate(row.G[: len(kept)]):
-        kept[i] = kept[i] + K.dot(G).dot(state.past[-1 - i].Q)
-    return Delayed(posterior.x, posterior.P, tuple(kept), state.past), posterior
+    kept = [E - K.dot(H.dot(E)) for E in state.E]
+    for i, late in enumerate(G[: len(kept)]):
+        kept[i] = kept[i] + K.dot(late).dot(state.past[-1 - i].Q)
+    return Delayed(posterior.x, posterior.P, tuple(kept), state.past)
 
 
 def cross_covariance(

@@ -20,7 +20,7 @@ from .._arrays import Array, symmetric
 from ..errors import UfirextError
 from .kalman import innovation_gain, joseph
 
-__all__ = ["Form", "Robust", "ThetaTooLarge", "largest_theta", "robust_gain", "tilt", "weight_root"]
+__all__ = ["Form", "Robust", "ThetaTooLarge", "largest_theta", "robust_gain", "tilt", "tilted", "weight_root"]
 
 Form = Literal["posterior", "prior", "mixed"]
 
@@ -104,6 +104,13 @@ def tilt(P: Array, L: Array, theta: float) -> Array:
     limit = largest_theta(P, L)
     if not theta < limit:
         raise ThetaTooLarge(theta, limit)
+    return tilted(P, L, theta)
+
+
+def tilted(P: Array, L: Array, theta: float) -> Array:
+    """`tilt` by a theta that is known to be below its limit."""
+    if theta == 0.0 or not len(L):
+        return P
     LP = L.dot(P)
     middle = np.eye(len(L)) / theta - symmetric(LP.dot(L.T))
     return symmetric(P + LP.T.dot(np.linalg.solve(middle, LP)))

@@ -61,7 +61,8 @@ def innovation_gain(C: Array, S: Array) -> Array:
         Covariance of the residual, symmetric positive semidefinite.
     """
     factor, info = dpotrf(S, lower=1)
-    if info == 0 and _well_conditioned(factor):
+    # Every component's residual must keep a share of its variance that the others do not explain.
+    if info == 0 and (len(S) == 1 or (factor.diagonal() ** 2 > SINGULAR * S.diagonal()).all()):
         return np.asarray(dpotrs(factor, C.T, lower=1)[0].T)
     scale = np.sqrt(np.maximum(np.diag(S), 0.0))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -69,15 +70,6 @@ def innovation_gain(C: Array, S: Array) -> Array:
     kept = values > SINGULAR * len(S) * max(values[-1], 0.0)
     whitener = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
     return np.asarray((C @ whitener.T) @ whitener)
-
-
-def _well_conditioned(factor: Array) -> bool:
-    """Every component's residual keeps a share of its variance that the others do not explain."""
-    if len(factor) == 1:
-        return bool(factor[0, 0] > 0.0)
-    pivots = np.diag(factor) ** 2
-    variances = (np.tril(factor) ** 2).sum(axis=1)
-    return bool((pivots > SINGULAR * variances).all())
 
 
 def update(x: Array, P: Array, z: Array, H: Array, R: Array, cross: Array | None = None) -> Posterior:
@@ -108,7 +100,6 @@ def update(x: Array, P: Array, z: Array, H: Array, R: Array, cross: Array | None
     S = H.dot(C) + R
     if cross is not None:
         S = S + cross.T.dot(H.T)
-    S = symmetric(S)
     K = innovation_gain(C, S)
     return Posterior(x + K.dot(y), joseph(P, K, H, R, cross), K, y, S)
 
