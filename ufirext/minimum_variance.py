@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ._arrays import Array, integer, readonly
-from .gains import Gain, require_determined
+from .errors import UnobservableWindow
+from .gains import Gain, observability_index, require_determined
 from .joint import joint_gain, require_definite
 from .model import Model
 from .prefixes import start_length
 from .window import model_window
 
-__all__ = ["MinimumVarianceGain", "minimum_variance_gain"]
+__all__ = ["MinimumVarianceGain", "minimum_variance_gain", "shortest_window"]
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -105,3 +106,28 @@ def minimum_variance_gain(model: Model, horizon: int, lag: int = 0) -> MinimumVa
         L=L[n:],
         L_now=L[:n],
     )
+
+
+def shortest_window(model: Model, horizon: int, lag: int) -> int | None:
+    """The shortest horizon that determines the newest state, None where none does.
+
+    Raises
+    ------
+    UnobservableWindow
+        If the window given can never determine the newest state or the lagged one, though a longer one could.
+    """
+    shortest = observability_index(model)
+    if shortest is None:
+        return None
+    if horizon < shortest:
+        raise UnobservableWindow(
+            f"horizon must be at least {shortest} for this model (the shortest window that determines its "
+            f"{model.dim_x} states), got {horizon}; lengthen the horizon or measure another state",
+            shortest=shortest,
+        )
+    if lag and not model_window(model, horizon, lag).determined():
+        raise UnobservableWindow(
+            f"a window of {horizon} steps must determine the state {lag} steps ago, it cannot; "
+            f"shorten the lag, lengthen the horizon or measure another state"
+        )
+    return shortest

@@ -233,6 +233,75 @@ class TestTheWindow:
         assert counts[80] < 15
 
 
+class TestKnownInputsAndEdits:
+    """They stay on the constant gain: the window is free of a path of what is known."""
+
+    @pytest.mark.parametrize("name", MODELS)
+    @pytest.mark.parametrize(("horizon", "lag"), [(5, 0), (12, 5)])
+    def test_inputs_edits_and_pauses(self, name, horizon, lag):
+        rng, base = np.random.default_rng(1), MODELS[name]
+        n = base.dim_x
+        model = base.replace(B=rng.normal(size=(n, 2)))
+        f, naive, engines = made(model, horizon, lag), Naive(horizon, wanted(model, horizon)), set()
+        held = np.zeros(n)
+        for i in range(16 * horizon):
+            busy = (i // (4 * horizon)) % 2 == 0
+            u = rng.normal(size=2) if busy and i % 3 else None
+            f.predict(u=u)
+            naive.predict(model.F, model.Q, held + (0.0 if u is None else model.B @ u))
+            held = np.zeros(n)
+            if busy and i % 5 == 0:
+                delta = rng.normal(size=n)
+                f.x = f.x + delta  # before the row of this step
+                F, Q, known = naive.steps[naive.now]
+                naive.steps[naive.now] = F, Q, known + delta
+            if i in (9 * horizon, 12 * horizon + 2):
+                f.update(None)
+                continue
+            z = rng.normal(size=model.dim_z) * 3
+            f.update(z)
+            naive.update(z, model.H, model.R, 0)
+            if f.ready:
+                agrees(f, naive, lag)
+            if busy and i % 7 == 0:
+                delta = rng.normal(size=n)
+                f.x += delta  # after it
+                held = model.F @ delta
+            engine = f._state.engine
+            engines.add((type(engine), getattr(engine, "path", None) is not None))
+        assert {(PairRing, True), (PairRing, False), (Segmented, False)} == engines
+
+    @pytest.mark.parametrize("rho", [1.1, 1.0])
+    def test_a_stabilised_plant_for_a_long_time(self, rho):
+        model = Model([[rho, 0.3], [0.0, 0.9]], np.eye(2), Q=0.01, R=0.1, B=[1.0, 0.2])
+        f, naive = made(model, 12, 3), Naive(12, 3)
+        rng, x, u = np.random.default_rng(3), np.zeros(2), np.zeros(1)
+        for _ in range(500):
+            x = model.F @ x + model.B @ u + 0.1 * rng.normal(size=2)
+            z = x + 0.3 * rng.normal(size=2)
+            f.predict(u=u)
+            naive.predict(model.F, model.Q, model.B @ u)
+            f.update(z)
+            naive.update(z, model.H, model.R, 0)
+            u = -0.6 * f.x[:1]
+        agrees(f, naive, 3)
+
+    def test_copies_keep_the_path(self):
+        model = MODELS["velocity"].replace(B=[0.5, 1.0])
+        f = made(model, 8, 3)
+        for i in range(30):
+            f.predict(u=float(i % 3))
+            f.update(np.array([np.sin(i)]))
+        twins = [copy.deepcopy(f), pickle.loads(pickle.dumps(f))]
+        for i in range(30, 40):
+            for twin in (f, *twins):
+                twin.predict(u=float(i % 3))
+                twin.update(np.array([np.sin(i)]))
+        for twin in twins:
+            np.testing.assert_allclose(twin.x, f.x, rtol=1e-12)
+            np.testing.assert_allclose(twin.x_lag, f.x_lag, rtol=1e-12)
+
+
 class TestTheRelationToThePaper:
     @pytest.mark.parametrize("lag", [0, 1, 4])
     def test_horizon_is_m_and_lag_is_d_minus_one(self, lag):

@@ -1,18 +1,17 @@
 """The engine of a constant model for pairs of states: one product gives the newest state and a lagged one.
 
-It holds a full window of plain rows, one a step; anything else is for the folds.
+It holds a full window of plain rows, one a step, free of known inputs; anything else is for the folds.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from .._arrays import Array, readonly
-from ..errors import UnobservableWindow
-from ..gains import observability_index
 from ..joint import Joint, joint_gain
 from ..model import Model
 from ..window import Row, model_window
@@ -20,9 +19,11 @@ from .covariance import Covariance
 from .records import Solution
 from .segmented import Lagged, Segmented
 
-__all__ = ["PairPlan", "PairRing", "pair_plan", "reach"]
+__all__ = ["PairPlan", "PairRing", "pair_plan"]
 
 FLOAT = np.dtype(float)
+# The path of known inputs starts anew after so many horizons.
+REBASE = 3
 
 
 class PairPlan:
@@ -65,6 +66,11 @@ class PairRing:
         self.free[1 : self.keep] = rows
         self.end, self.base = self.keep, now - horizon
         self.single, self.ones = m == 1, np.ones(m)
+        # What is known of the state at the rows of the window; the buffer holds z - H path.
+        self.path: deque[Array] | None = None
+        self.ahead: Array | None = None  # the path at the row to come
+        self.after: Array | None = None  # edits of x since the newest row
+        self.rebased = now
         self._prepare()
 
     def _prepare(self) -> None:
@@ -73,27 +79,33 @@ class PairRing:
         self.size = self.plan.model.dim_x
         self.views: list[Array] = []
         self.form = 0
-        self.older = (
-            -1,
-            self.free,
-        )  # where the window ended when the lagged state was worked out, and that state
+        # Where the window ended when the pair was last worked out for the client, and that pair.
+        self.older = -1, self.free
 
     @classmethod
     def of(cls, plan: PairPlan, engine: Segmented) -> PairRing | None:
         """A ring with the engine's past, if that ends in a full window of plain rows."""
         model, first = plan.model, engine.now - plan.horizon + 1
         rows = engine.rows[-plan.horizon :]
-        if [row.origin for row in rows] != list(range(first, engine.now + 1)) or engine.after is not None:
+        if [row.origin for row in rows] != list(range(first, engine.now + 1)):
             return None
         for row in rows:
             plain = row.arrival == row.origin and row.shift is None
             if not (plain and np.array_equal(row.H, model.H) and np.array_equal(row.R, model.R)):
                 return None
-        for step in (engine.step(row.origin) for row in rows[1:]):
-            same = np.array_equal(step.F, model.F) and np.array_equal(step.Q, model.Q)
-            if not same or step.known is not None:
-                return None
-        return cls(plan, np.array([row.z for row in rows]), engine.now)
+        steps = [engine.step(row.origin) for row in rows[1:]]
+        if not all(np.array_equal(step.F, model.F) and np.array_equal(step.Q, model.Q) for step in steps):
+            return None
+        ring = cls(plan, np.array([row.z for row in rows]), engine.now)
+        if engine.after is not None:
+            ring.edit(engine.after, True)
+        if any(step.known is not None for step in steps):
+            path = ring.begin_path()
+            for place, step in enumerate(steps, 1):
+                ahead = model.F @ path[place - 1]
+                path[place] = ahead if step.known is None else ahead + step.known
+            ring.free[1 : ring.end] -= np.array(path) @ model.H.T
+        return ring
 
     @property
     def now(self) -> int:
@@ -123,6 +135,57 @@ class PairRing:
             self.free[: self.keep] = self.free[self.end - self.keep :].copy()
             self.base, self.end = self.base + self.end - self.keep, self.keep
         return True
+
+    # -- known inputs and edits ------------------------------------------------------------------------------
+
+    def begin_path(self) -> deque[Array]:
+        """The path of what is known, from now on."""
+        if self.path is None:
+            n = self.plan.model.dim_x
+            self.path, self.rebased = deque([np.zeros(n)] * self.plan.horizon, self.plan.horizon), self.now
+        return self.path
+
+    def advance(self, known: Array | None) -> None:
+        """One predict()."""
+        if known is None and self.path is None:
+            return
+        before = self.begin_path()[-1]
+        ahead = self.plan.model.F @ (before if self.after is None else before + self.after)
+        self.ahead, self.after = ahead if known is None else ahead + known, None
+
+    def edit(self, delta: Array, after_rows: bool) -> None:
+        """x was moved from outside by `delta`, after or before the row of this step."""
+        path = self.begin_path()
+        if after_rows:
+            self.after = delta if self.after is None else self.after + delta
+        else:
+            ahead = self.plan.model.F @ path[-1] if self.ahead is None else self.ahead
+            self.ahead = ahead + delta
+
+    def put(self, z: Array) -> bool:
+        """A measurement of the next step, finite and flat."""
+        if self.path is None or self.ahead is None:
+            return self.store(z if len(z) > 1 else z[0])
+        if not self.store(z - self.plan.model.H @ self.ahead):
+            return False
+        self.path.append(self.ahead)
+        self.ahead = None
+        if self.now - self.rebased >= REBASE * self.plan.horizon:
+            self._rebase(self.path)
+        return True
+
+    def _rebase(self, path: deque[Array]) -> None:
+        """Let the path begin at zero, so that it stays small for any F; without inputs it then is nothing."""
+        F, H, moved = self.plan.model.F, self.plan.model.H, path[0]
+        for place, slot in enumerate(range(self.end - len(path), self.end)):
+            path[place] = path[place] - moved
+            self.free[slot] += H @ moved
+            moved = F @ moved
+        self.rebased = self.now
+        if not any(x.any() for x in path):
+            self.path = None
+
+    # -- estimates -------------------------------------------------------------------------------------------
 
     def newest(self, form: int) -> Array:
         """x_n in the client's form, for the client to keep; the same product leaves x_{n-lag} behind."""
@@ -158,19 +221,27 @@ class PairRing:
     def _pair(self, before: int) -> Array:
         rows = self.free[self.end - before - self.plan.horizon : self.end - before]
         pair: Array = self.product(rows.reshape(-1))
+        if self.path is not None:
+            pair[: self.size] += self.path[-1]
+            pair[self.size :] += self.path[-1 - self.plan.lag]
         return pair
 
     def segmented(self) -> Segmented:
         """The rows of the window for the engine of windows of any kind, around a trajectory close to them."""
-        model, low = self.plan.model, self.end - self.plan.horizon
-        engine = Segmented(model.F, model.Q, self.base + low, self._near(low))
+        model, low, path = self.plan.model, self.end - self.plan.horizon, self.path
+        start = self._near(low)
+        engine = Segmented(model.F, model.Q, self.base + low, start if path is None else start + path[0])
         gain = self.plan.newest_gain.value
-        for i in range(low, self.end):
-            if i > low:
-                engine.advance(model.F, model.Q, None)
-            z = self.free[i].copy()
+        for place, slot in enumerate(range(low, self.end)):
+            if place:
+                known = None if path is None else path[place] - model.F @ path[place - 1]
+                engine.advance(model.F, model.Q, known)
+            z = self.free[slot].copy() if path is None else self.free[slot] + model.H @ path[place]
             engine.add(Row(engine.now, engine.now, model.H, model.R, z))
             engine.center = engine.center + gain @ (z - model.H @ engine.center)
+        engine.start = engine.now - self.plan.horizon + 1
+        if self.after is not None:
+            engine.edit(self.after, True)
         return engine
 
     def _near(self, low: int) -> Array:
@@ -185,7 +256,7 @@ class PairRing:
         """An independent copy."""
         fork = object.__new__(type(self))
         fork.__dict__.update(self.__dict__)
-        fork.free = self.free.copy()
+        fork.free, fork.path = self.free.copy(), None if self.path is None else self.path.copy()
         fork._prepare()
         return fork
 
@@ -202,28 +273,3 @@ class PairRing:
 def pair_plan(model: Model, horizon: int, lag: int) -> PairPlan:
     """The shared plan of a model, a horizon and a lag."""
     return PairPlan(model, horizon, lag)
-
-
-def reach(model: Model, horizon: int, lag: int) -> int | None:
-    """The shortest horizon that determines the newest state, None where none does.
-
-    Raises
-    ------
-    UnobservableWindow
-        If the window given can never determine the newest state or the lagged one, though a longer one could.
-    """
-    shortest = observability_index(model)
-    if shortest is None:
-        return None
-    if horizon < shortest:
-        raise UnobservableWindow(
-            f"horizon must be at least {shortest} for this model (the shortest window that determines its "
-            f"{model.dim_x} states), got {horizon}; lengthen the horizon or measure another state",
-            shortest=shortest,
-        )
-    if lag and not model_window(model, horizon, lag).determined():
-        raise UnobservableWindow(
-            f"a window of {horizon} steps must determine the state {lag} steps ago, it cannot; "
-            f"shorten the lag, lengthen the horizon or measure another state"
-        )
-    return shortest

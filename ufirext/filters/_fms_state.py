@@ -9,10 +9,11 @@ import numpy as np
 
 from .._arrays import Array, integer
 from ..engines.covariance import Covariance
-from ..engines.pairs import PairRing, pair_plan, reach
+from ..engines.pairs import PairRing, pair_plan
 from ..engines.records import Limits, Solution
 from ..engines.segmented import Lagged, Prior, Segmented
 from ..errors import CovarianceError, UnobservableWindow
+from ..minimum_variance import shortest_window
 from ..model import Model
 from ..window import Row
 from ._state import FilterState
@@ -58,7 +59,7 @@ class FMSState(FilterState):
     def check(self) -> None:
         """Look at the model once: raise if the window can never determine the states that are wanted."""
         self.unchecked = False
-        self.index = reach(self._model(), self.horizon, self.lag)
+        self.index = shortest_window(self._model(), self.horizon, self.lag)
 
     def _model(self) -> Model:
         return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
@@ -92,9 +93,11 @@ class FMSState(FilterState):
             if engine.now == self.lag_at:
                 self.lagged_then = engine.lagged()
             folds = engine.segmented()
-            folds.start = engine.now - self.horizon + 1
             if engine.now < self.now:
-                folds.advance(self.anchor[0], self.anchor[2], None)
+                known = None
+                if engine.path is not None and engine.ahead is not None:
+                    known = engine.ahead - self.anchor[0] @ engine.path[-1]
+                folds.advance(self.anchor[0], self.anchor[2], known)
             self.engine, self.tried = folds, self.now
             return folds
         if engine is None:
@@ -125,17 +128,21 @@ class FMSState(FilterState):
 
     def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
         engine = self._begin(F, Q)
-        if isinstance(engine, Segmented) and known is None:
+        if isinstance(engine, Segmented):
             engine = self.engine = self._ring(engine, F, Q) or engine
         if isinstance(engine, PairRing):
-            if F is self.anchor[0] and Q is self.anchor[2] and known is None and engine.now == self.now:
+            if F is self.anchor[0] and Q is self.anchor[2] and engine.now == self.now:
+                engine.advance(known)
                 return
             engine = self._folds()
         engine.center = self.x
         engine.advance(F, Q, known)
 
     def _moved(self, delta: Array) -> None:
-        if self.engine is not None:
+        engine = self.engine
+        if isinstance(engine, PairRing) and self.updated == (engine.now == self.now):
+            engine.edit(delta, self.updated)
+        elif engine is not None:
             self._folds().edit(delta, self.updated)
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
@@ -150,12 +157,7 @@ class FMSState(FilterState):
             return None
         if isinstance(engine, PairRing):
             plain = delay == 0 and engine.now == self.now - 1
-            if (
-                plain
-                and H is self.anchor[1]
-                and R is self.anchor[3]
-                and engine.store(z if len(z) > 1 else z[0])
-            ):
+            if plain and H is self.anchor[1] and R is self.anchor[3] and engine.put(z):
                 return self._solved(engine.solve())
         folds = self._folds()
         row = Row(self.now - delay, self.now, H, R, z)
@@ -193,7 +195,12 @@ class FMSState(FilterState):
         """Go over to the hot path if nothing stands against it."""
         ring = self.engine
         settled = not self.watching and self._P_handed is None
-        if isinstance(ring, PairRing) and ring.now == self.now == self.ready_at and settled:
+        if (
+            isinstance(ring, PairRing)
+            and ring.now == self.now == self.ready_at
+            and settled
+            and ring.path is None
+        ):
             self.mode, self.seen = POSTED, ring.now
 
     def take(self, z: Any) -> bool:
