@@ -25,17 +25,17 @@ from .oracles import (
 
 @dataclass(frozen=True)
 class _Row:
-    """A record, and the known displacement x_u of the state that it saw."""
+    """A record, and the edits of its own step that were made between the step's first row and itself."""
 
     record: Record
-    seen: Array
+    shift: Array
 
 
 class NaiveUFIR:
     """The streaming unbiased FIR filter, re-solved from all rows at every update.
 
-    Time starts at step 0; a step is a `predict`. Known inputs and edits of x form a trajectory x_u that
-    starts at 0: rows are solved as z - H x_u and the estimate adds x_u of now. Flat x, (n,).
+    Time starts at step 0; a step is a `predict`. Known inputs and edits of x form a trajectory x_u that is 0
+    at the oldest row: rows are solved as z - H x_u and the estimate adds x_u of now. Flat x, (n,).
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ class NaiveUFIR:
         self.first_F: Array | None = None
         self.transitions: dict[int, Array] = {}
         self.noises: dict[int, Array] = {}
-        self.trajectory: dict[int, Array] = {0: np.zeros(len(self.x))}  # x_u as the rows of a step see it
-        self.moved = np.zeros(len(self.x))  # x_u now
+        self.known: dict[int, Array] = {}  # inputs and edits before the first row of a step
+        self.after: dict[int, Array] = {}  # edits after it
         self.updated = False
 
     # ---- verbs
@@ -75,17 +75,16 @@ class NaiveUFIR:
         self.first_F = F if self.first_F is None else self.first_F
         self.now += 1
         self.transitions[self.now], self.noises[self.now] = F, Q
-        self.moved = F @ self.moved + known
-        self.trajectory[self.now] = self.moved
+        self.known[self.now] = known
         self.x, self.P = F @ self.x + known, F @ self.P @ F.T + Q
         self.updated = False
 
     def edit(self, delta) -> None:
         """x was moved from outside; before the first update of a step, the step's rows see it."""
         delta = np.asarray(delta, dtype=float)
-        self.x, self.moved = self.x + delta, self.moved + delta
-        if not self.updated:
-            self.trajectory[self.now] = self.moved
+        self.x = self.x + delta
+        part = self.after if self.updated else self.known
+        part[self.now] = part.get(self.now, 0.0) + delta
 
     def update(self, z, R=None, H=None, *, delay: int = 0) -> None:
         """A measurement of `delay` steps ago; None or NaN is missing."""
@@ -119,8 +118,8 @@ class NaiveUFIR:
         most = max((_information(row.record.H, row.record.R) for row in self._reachable()), default=0.0)
         if _information(H, R) < 1e-8 * most:
             return None
-        seen = self.moved if delay == 0 else self.trajectory.get(origin, np.zeros(len(self.x)))
-        return _Row(Record(origin, self.now, H, R, z), seen)
+        shift = self.after.get(self.now, np.zeros(len(self.x))) if delay == 0 else np.zeros(len(self.x))
+        return _Row(Record(origin, self.now, H, R, z), shift)
 
     def _reach(self) -> int:
         return 4 * self.horizon + 64 if self.missing == "extend" else self.horizon
@@ -139,14 +138,23 @@ class NaiveUFIR:
         first_Q = self.noises.get(1, self.Q)
         return dict.fromkeys(before, first_F) | self.transitions, dict.fromkeys(before, first_Q) | self.noises
 
-    def _regression(self, rows: Sequence[_Row], aim: int) -> Stacked:
-        free = [
-            Record(
-                r.record.origin, r.record.arrival, r.record.H, r.record.R, r.record.z - r.record.H @ r.seen
-            )
-            for r in rows
-        ]
-        return stacked(free, *self._model(), aim)
+    def _trajectory(self, oldest: int) -> dict[int, Array]:
+        """x_u as the first rows of each step from `oldest` on see it."""
+        transitions, nothing = self._model()[0], np.zeros(len(self.x))
+        result = {oldest: nothing}
+        for step in range(oldest + 1, self.now + 1):
+            before = result[step - 1] + self.after.get(step - 1, nothing)
+            result[step] = transitions[step] @ before + self.known.get(step, nothing)
+        return result
+
+    def _regression(self, rows: Sequence[_Row], aim: int) -> tuple[Stacked, Array]:
+        """The rows free of known inputs, and x_u at the aim."""
+        trajectory = self._trajectory(min([aim, *(row.record.origin for row in rows)]))
+        free = []
+        for row in rows:
+            r = row.record
+            free.append(Record(r.origin, r.arrival, r.H, r.R, r.z - r.H @ (trajectory[r.origin] + row.shift)))
+        return stacked(free, *self._model(), aim), trajectory[aim]
 
     def chosen(self) -> list[_Row] | None:
         """The rows of the window now; None where even the furthest reach does not determine the state."""
@@ -157,7 +165,7 @@ class NaiveUFIR:
             older = [age for age in ages if age >= limit]
             few = len({row.record.origin for row in rows}) < min(self.horizon, self.instants)
             if rows and not (few and older and self.missing == "extend"):
-                window = self._regression(rows, self.now)
+                window, _ = self._regression(rows, self.now)
                 if determined(window.C, window.T):
                     return rows
             if not older or self.missing == "skip":
@@ -169,11 +177,12 @@ class NaiveUFIR:
         rows = self.chosen()
         if rows is None:
             return None
-        window = self._regression(rows, self.now - lag)
+        window, known = self._regression(rows, self.now - lag)
         if not determined(window.C, window.T):
             return None
         K = naive_gain(window)
-        known = self.moved if lag == 0 else self.trajectory.get(self.now - lag, np.zeros(len(self.x)))
+        if lag == 0:
+            known = known + self.after.get(self.now, 0.0)
         return K @ window.Z + known, brute_force_covariance(window, K)
 
     def _solve(self) -> bool:

@@ -77,7 +77,7 @@ def constant_covariance(model: Model, K: Array, lag: int) -> Array | None:
         for block in range(count - 2, -1, -1):
             starts[block] += starts[block + 1] @ powers[-1]
         paths[1:, :-n] += paths[0, n:] @ np.array(powers[-2::-1]).reshape(-1, n, n)
-        first, starts[0] = starts[0].copy(), 0.0
+        first = starts[0]
         wide = paths.reshape(-1, n, n).transpose(1, 0, 2)
         noise = (wide @ model.Q).reshape(n, -1) @ wide.reshape(n, -1).T
         noise += (K.reshape(-1, m) @ model.R).reshape(n, -1) @ K.T
