@@ -26,10 +26,10 @@ NEVER = -(2**62)
 GROWING_GAINS = 64
 # A pivot below this (the full window's are 1) means that the rows present are too few for normal equations.
 WEAK_PIVOT = 1e-3
+# Weights within this factor of 1 need no thought whether they are negligible.
+ORDINARY = 1e3
 # x_u starts anew after this many horizons.
 REBASE = 3
-# Windows with holes up to this length have few enough patterns to remember a gain for each.
-PATTERN_STEPS = 12
 
 
 class Ring:
@@ -46,9 +46,10 @@ class Ring:
         self.base = now - self.keep + 1  # step of slot 0: the past is empty slots
         self.end = self.keep  # one past the newest slot
         self.free = np.zeros((self.capacity, plan.model.dim_z))
-        self.flat = self.free.reshape(-1)
+        self._alias()
         m = plan.model.dim_z
         self.single, self.ones, self.flat_shape, self.column_shape = m == 1, np.ones(m), (m,), (m, 1)
+        self.variances: list[list[float]] = plan.model.R.tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
         self._default()
@@ -63,6 +64,10 @@ class Ring:
         self.x_u: Array | None = None
         self.after: Array | None = None
         self.rebased = now
+
+    def _alias(self) -> None:
+        """The buffer as seen by z in its other shapes."""
+        self.flat, self.columns = self.free.reshape(-1), self.free[:, :, None]
 
     @property
     def now(self) -> int:
@@ -217,7 +222,7 @@ class Ring:
                 if shape == self.flat_shape:
                     self.free[i] = z
                 elif shape == self.column_shape:
-                    self.free[i] = z[:, 0]
+                    self.columns[i] = z
                 else:
                     return False
                 total = self.ones.dot(z)
@@ -229,6 +234,37 @@ class Ring:
         if self.end == self.capacity:
             self.compact()
         return True
+
+    def quick_weight(self, R: Any) -> float | None:
+        """w where R = R_model / w, for the hot path; None for whatever is not plainly so, or far from 1."""
+        base = self.variances
+        try:
+            if self.single:
+                weight = base[0][0] / (R if type(R) is float else R.item())
+            else:
+                given = R.tolist()
+                weight = base[0][0] / given[0][0]
+                for ours, theirs in zip(base, given, strict=True):
+                    for a, b in zip(ours, theirs, strict=True):
+                        if abs(a - weight * b) > 1e-15 * abs(a):
+                            return None
+        except (AttributeError, TypeError, ValueError, IndexError, ZeroDivisionError):
+            return None
+        return weight if 1.0 / ORDINARY < weight < ORDINARY else None
+
+    def weigh(self, weight: float, R: Array) -> None:
+        """Give the row stored last its weight."""
+        i, now = self.end - 1, self.now
+        z = self.free[i].copy()
+        self.odd[now] = Row(now, now, self.plan.model.H, R.reshape(len(z), -1).copy(), z)
+        self.free[i] *= weight
+        self.weights[i], self.irregular = weight, now
+
+    def unstore(self) -> None:
+        """Take the row stored last back."""
+        self.odd.pop(self.now, None)
+        self.end -= 1
+        self.weights[self.end] = 1.0
 
     def relative_weight(self, row: Row) -> float | None:
         """w where R_row = R / w; None where R is no multiple of the model's, or H another."""
@@ -326,14 +362,7 @@ class Ring:
         weights = self.weights[self.end - span : self.end]
         if np.count_nonzero(weights) < min(limits.horizon, limits.instants):
             return None
-        if span > PATTERN_STEPS:
-            return self._normal(span, weights)
-        pattern = self.plan.pattern(weights.tobytes())
-        return (
-            pattern.weighted_gain.dot(self.free[self.end - span : self.end].reshape(-1))
-            if pattern.determined
-            else None
-        )
+        return self._normal(span, weights)
 
     def hole(self) -> None:
         """The hot path's update(None): a slot that stays empty."""
@@ -371,10 +400,9 @@ class Ring:
             earlier = self.arrivals[self.end - limits.reach : self.end - limits.horizon]
             if (earlier != NEVER).any():
                 return self._extended()
-        if span > PATTERN_STEPS:
-            x = self._normal(span, weights)
-            if x is not None:
-                return self._solution(x, weights.tobytes(), rows)
+        x = self._normal(span, weights)
+        if x is not None:
+            return self._solution(x, weights.tobytes(), rows)
         return self._patterned(weights)
 
     def _span(self, length: int) -> int:
@@ -460,12 +488,12 @@ class Ring:
         fork.__dict__.update(
             {k: v.copy() if isinstance(v, np.ndarray | dict) else v for k, v in self.__dict__.items()}
         )
-        fork.flat = fork.free.reshape(-1)
+        fork._alias()
         return fork
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.flat = self.free.reshape(-1)  # a view of the buffer, which pickle would have torn off
+        self._alias()  # pickle has torn the views off their buffer
 
 
 def _pattern_covariance(pattern: Any, key: bytes) -> Array:

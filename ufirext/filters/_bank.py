@@ -36,7 +36,7 @@ class Member(UFIRState):
             self.solution = past.solve(self.limits)
 
     def follow(self, owner: AdaptiveState) -> None:
-        """Take over the owner's model: the same arrays, so that what is constant is recognised by identity."""
+        """Take over the owner's model: the very same arrays, by which what is constant is recognised."""
         self.settle()
         for name in MODEL:
             setattr(self, name, Live(getattr(owner, name).value, np.asarray))
@@ -99,10 +99,10 @@ class Member(UFIRState):
 class AdaptiveState(UFIRState):
     """A bank of candidates that see the same rows; x, P and all that is published are the best one's.
 
-    Candidates are judged by how well they foretell the rows: z against H F x^_{n-1} + known inputs, a late row
-    against H x^ as it stood at its origin. The rows of a step are judged together and count from the next step on:
-    x is linear in the newest row, and rows may come in any order. Estimates of all candidates are the rows of `X`,
-    NaN where a window does not determine the state.
+    Candidates are judged by how well they foretell the rows: z against H F x^_{n-1} + known inputs, a late
+    row against H x^ as it stood at its origin. The rows of a step are judged together and count from the next
+    step on: x is linear in the newest row, and rows may come in any order. The rows of `X` are the estimates
+    of all candidates, NaN where a window does not determine the state.
     """
 
     def __init__(self, dim_x: int, dim_z: int, missing: str, window: str) -> None:
@@ -139,7 +139,7 @@ class AdaptiveState(UFIRState):
         new.engine = self._longest()
         return new
 
-    # -- the bank ---------------------------------------------------------------------------------------------
+    # -- the bank -----------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Look at the model: which candidates there are. At most once per horizon, as "auto" does."""
@@ -220,7 +220,7 @@ class AdaptiveState(UFIRState):
         self.X = self.stood = X
 
     def _follow_best(self) -> Member | None:
-        """Publish the best candidate's estimate, or that of the next longer one which has any; None if none has."""
+        """Publish the estimate of the best candidate, or the next longer one that has any; None if none."""
         self._collect()
         bank: HorizonBank = self.bank  # type: ignore[assignment]
         able = ~np.isnan(self.X[:, 0])
@@ -236,7 +236,7 @@ class AdaptiveState(UFIRState):
             self._publish(member.x, member.P)
         return member
 
-    # -- hooks ------------------------------------------------------------------------------------------------
+    # -- hooks --------------------------------------------------------------------------------------------
 
     def _model_changed(self) -> None:
         super()._model_changed()
@@ -273,12 +273,11 @@ class AdaptiveState(UFIRState):
             self._judge(z, H, R, delay)
         elif self.missing == "extend":
             return nothing
-        member = self._follow_best()
-        if member is not None:
-            taken = member.taken and member.solution is not None
-            return member.solution.newest_gain if taken else nothing  # type: ignore[union-attr]
-        self.solution = None
-        return nothing if delay else self._kalman(z, H, R, cross)
+        followed = self._follow_best()
+        if followed is None:
+            self.solution = None
+            return nothing if delay else self._kalman(z, H, R, cross)
+        return followed.solution.newest_gain if followed.taken and followed.solution else nothing
 
     def _skip(self) -> None:
         for member in self.members:
@@ -286,7 +285,7 @@ class AdaptiveState(UFIRState):
         if self.missing != "extend" and self.members and self._follow_best() is None:
             self.solution = None
 
-    # -- what the window says ---------------------------------------------------------------------------------
+    # -- what the window says -----------------------------------------------------------------------------
 
     @property
     def ready(self) -> bool:
@@ -297,15 +296,18 @@ class AdaptiveState(UFIRState):
             member.ready for member in self.members[self.current :] + self.members
         )
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> AdaptiveState:
+    def __deepcopy__(self, memo: dict[int, Any]) -> UFIRState:
         fork = super().__deepcopy__(memo)
         for name in MODEL:
             # Frozen arrays may be shared, and the members know their model by identity.
             getattr(fork, name).value = getattr(self, name).value
-        fork.bank = None if self.bank is None else self.bank.copy()
-        fork.members = [member.fork() for member in self.members]
-        fork.past = self.past.copy()
-        return fork  # type: ignore[return-value]
+        own = {
+            "bank": None if self.bank is None else self.bank.copy(),
+            "members": [member.fork() for member in self.members],
+            "past": self.past.copy(),
+        }
+        fork.__dict__.update(own)
+        return fork
 
 
 def new_state(dim_x: int, dim_z: int, policy: int | str, missing: str, window: str) -> UFIRState:

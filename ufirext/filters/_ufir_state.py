@@ -302,8 +302,25 @@ class UFIRState(FilterState):
                 flat = ring.hot_estimate()
         else:
             flat = ring.hot_estimate()
+        return self._posted(ring, flat)
+
+    def take_weighted(self, z: Any, R: Any) -> bool:
+        """The hot path's update() with an R that is a multiple of the model's."""
+        ring: Ring = self.engine  # type: ignore[assignment]
+        weight = ring.quick_weight(R)
+        if weight is None or z is None or not ring.store(z):
+            return False
+        irregular = ring.irregular
+        ring.weigh(weight, np.asarray(R, dtype=float))
+        if self._posted(ring, ring.hot_estimate()):
+            self.lazy = False
+            return True
+        ring.irregular = irregular
+        return False
+
+    def _posted(self, ring: Ring, flat: Array | None) -> bool:
         if flat is None:
-            ring.end -= 1
+            ring.unstore()
             return False
         self.hot_x = flat.reshape(-1, 1) if self.form == 2 else flat
         return True
@@ -345,8 +362,10 @@ class UFIRState(FilterState):
             mask = np.full(self.dim_z, came)
             none = Covariance.of(np.zeros((self.dim_x, 0)))
             gain = self.solution.newest_gain if came and self.solution is not None else none
-            z = ring.free[ring.end - 1].copy() if came else None
-            self._last = (z, self.H.value, self.R.value, mask, *self.prior, gain, None)
+            row = ring.odd.get(now)
+            z = (ring.free[ring.end - 1].copy() if row is None else row.z) if came else None
+            R = self.R.value if row is None else row.R
+            self._last = (z, self.H.value, R, mask, *self.prior, gain, None)
             self.now = self.seen = now
             self.updated = True
         self.x, self.P = self.post

@@ -110,7 +110,7 @@ class DelayHInfinityFilter(LateFilter):
         form: str = "posterior",
         S: ArrayLike | None = None,
         on_violation: str = "raise",
-        fraction: float = 0.5,
+        fraction: float = 0.3,
         max_delay: int = 0,
         channel: Channel | None = None,
     ) -> None:

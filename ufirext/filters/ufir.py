@@ -134,14 +134,17 @@ class UFIRFilter(FilterSurface):
         self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
     ) -> None:
         state = self._state
-        if state.mode == PREDICTED and R is None and H is None and delay == 0:
+        if state.mode == PREDICTED and H is None and delay == 0:
             x = state._x_handed
-            if (x is None or x.tobytes() == state._x_raw) and (
-                state.lazy and state.engine.store(z) or state.take(z)
-            ):
-                state._x_handed = None
-                state.mode = POSTED
-                return
+            if x is None or x.tobytes() == state._x_raw:
+                if R is not None:
+                    taken = state.take_weighted(z, R)
+                else:
+                    taken = (state.lazy and state.engine.store(z)) or state.take(z)
+                if taken:
+                    state._x_handed = None
+                    state.mode = POSTED
+                    return
         super().update(z, R, H, delay=delay)
 
     # -- beyond filterpy --------------------------------------------------------------------------------------
