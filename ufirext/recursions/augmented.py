@@ -75,7 +75,7 @@ def augmented_model(model: Model, delay: int) -> Model:
     --------
     >>> from ufirext import augmented_model, kinematic
     >>> augmented_model(kinematic(1, 1, 1.0), delay=2)
-    Model(dim_x=6, dim_z=1)
+    Model(dim_x=6, dim_z=1, dt=1)
     """
     delay = integer(delay, "delay", 0)
     n, size = model.dim_x, model.dim_x * (delay + 1)
