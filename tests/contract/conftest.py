@@ -16,7 +16,10 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-import ufirext
+from ufirext.filters.fms import FMSFilterSmoother
+from ufirext.filters.hinfinity import DelayHInfinityFilter
+from ufirext.filters.kalman import DelayKalmanFilter
+from ufirext.filters.ufir import UFIRFilter
 
 HORIZONS = (4, 8, 10, 40)
 
@@ -28,6 +31,7 @@ class Face:
     name: str
     build: Callable[..., Any]
     horizon: int | None = None  # None: infinite memory
+    kalman: bool = True  # starts as the Kalman filter of x, P, Q, R
 
     def __call__(self, *dims: int, **options: Any) -> Any:
         return self.build(*dims, **options)
@@ -36,27 +40,33 @@ class Face:
         return self.name
 
 
-def _ufir(*dims: int, **options: Any) -> Any:
-    return ufirext.UFIRFilter(*dims, **options)
-
-
 FILTERPY = Face("filterpy", KalmanFilter)
-UFIR = tuple(Face(f"ufir-{n}", partial(_ufir, horizon=n), n) for n in HORIZONS)
-FACES = (FILTERPY, *UFIR)
+UFIR = tuple(Face(f"ufir-{n}", partial(UFIRFilter, horizon=n), n) for n in HORIZONS)
+OTHERS = (
+    Face("fms", partial(FMSFilterSmoother, horizon=9, lag=2), 9),
+    Face("delay-kalman", partial(DelayKalmanFilter, max_delay=3)),
+    Face("delay-hinfinity", DelayHInfinityFilter, kalman=False),
+)
+FACES = (FILTERPY, *UFIR, *OTHERS)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "contract(item, better=False): an item of the contract; better: filterpy fails it and is not asked",
+        "contract(item, better=False, kalman=False): an item; better: filterpy fails it and is "
+        "not asked; kalman: only classes that start as a Kalman filter are asked",
     )
 
 
+def _asked(marker: pytest.Mark | None) -> list[Face]:
+    options = marker.kwargs if marker else {}
+    faces = FACES[1:] if options.get("better") else FACES
+    return [face for face in faces if face.kalman or not options.get("kalman")]
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    marker = metafunc.definition.get_closest_marker("contract")
     if "make" in metafunc.fixturenames:
-        better = marker is not None and marker.kwargs.get("better", False)
-        metafunc.parametrize("make", FACES[1:] if better else FACES, ids=str)
+        metafunc.parametrize("make", _asked(metafunc.definition.get_closest_marker("contract")), ids=str)
     if "ufir" in metafunc.fixturenames:
         metafunc.parametrize("ufir", UFIR, ids=str)
     if "column" in metafunc.fixturenames:
