@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._lapack import Array, is_positive_definite
+from ._lapack import Array as Array
+from ._lapack import is_positive_definite
 from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError
 
 Shape = tuple[int | None, ...]

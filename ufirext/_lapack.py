@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 
 @cache
 def cholesky_solver() -> Any:
-    """dposv: factor, solution, info of A x = b for symmetric positive definite A; an eighth of np.linalg.solve."""
+    """dposv: factor, solution, info of A x = b for symmetric positive definite A; an eighth of
+    np.linalg.solve.
+    """
     from scipy.linalg.lapack import dposv
 
     return dposv

@@ -41,7 +41,9 @@ class Basis:
 
 
 class Plan:
-    """Gains of a constant model: full windows of every length up to the horizon, and bases for windows with holes."""
+    """Gains of a constant model: full windows of every length up to the horizon, and bases for windows
+    with holes.
+    """
 
     def __init__(self, model: Model, horizon: int) -> None:
         self.model, self.horizon = model, horizon
@@ -78,7 +80,9 @@ class Plan:
         return self._bases[length]
 
     def pattern(self, weights: bytes) -> Pattern:
-        """Gain and covariance of a window with holes and weighted rows, remembered: patterns recur as they slide."""
+        """Gain and covariance of a window with holes and weighted rows, remembered: patterns recur as they
+        slide.
+        """
         found = self._patterns.get(weights)
         if found is None:
             if len(self._patterns) * len(weights) >= PATTERN_BYTES:
@@ -88,7 +92,9 @@ class Plan:
 
 
 class Pattern:
-    """A window of a constant model in which step i of the last len(weights) has a row of weight weights[i], or none."""
+    """A window of a constant model in which step i of the last len(weights) has a row of weight
+    weights[i], or none.
+    """
 
     def __init__(self, plan: Plan, weights: Array) -> None:
         model = plan.model

@@ -24,7 +24,9 @@ NEGLIGIBLE = 1e-8
 
 @dataclass(frozen=True)
 class Step:
-    """x_n = F x_{n-1} + known + w, cov w = Q. `known` holds inputs and edits of x, up to the rows of this step."""
+    """x_n = F x_{n-1} + known + w, cov w = Q. `known` holds inputs and edits of x, up to the rows of this
+    step.
+    """
 
     F: Array
     Q: Array
@@ -50,7 +52,9 @@ class Limits(NamedTuple):
 
 
 class Stack(NamedTuple):
-    """Rows in a window: their regression, their measurements free of known inputs, the known part of the aim."""
+    """Rows in a window: their regression, their measurements free of known inputs, the known part of the
+    aim.
+    """
 
     window: Window
     Z: Array
@@ -162,7 +166,9 @@ class Records:
         return Stack(window, np.concatenate(free), known[aim - oldest], ordered)
 
     def select(self, limits: Limits) -> list[Row] | None:
-        """The rows of the window now, None where they do not determine the state even as far back as allowed."""
+        """The rows of the window now, None where they do not determine the state even as far back as
+        allowed.
+        """
         bound, floor = self.now - limits.horizon, self.now - limits.reach
         wanted = min(limits.horizon, limits.instants) if limits.extends else 0
         while True:
@@ -177,7 +183,9 @@ class Records:
             bound = max(older) - 1
 
     def solve(self, limits: Limits, lag: int = 0, rows: Sequence[Row] | None = None) -> Solution | None:
-        """Least squares over the window: the state `lag` steps ago, None where the rows do not determine it."""
+        """Least squares over the window: the state `lag` steps ago, None where the rows do not determine
+        it.
+        """
         chosen = self.select(limits) if rows is None else rows
         if not chosen:
             return None

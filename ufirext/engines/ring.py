@@ -94,7 +94,7 @@ class Ring:
         self._default()
         self.odd = {step: row for step, row in self.odd.items() if step >= self.base}
 
-    # -- transitions ------------------------------------------------------------------------------------------
+    # -- transitions -----------------------------------------------------------------------------------------
 
     def advance(self, known: Array | None) -> None:
         """One predict(): a new slot that nothing has come for yet."""
@@ -166,7 +166,7 @@ class Ring:
             start = F @ start
         self.x_u = path[self.end - 1].copy()  # type: ignore[index]
 
-    # -- rows -------------------------------------------------------------------------------------------------
+    # -- rows ------------------------------------------------------------------------------------------------
 
     def add_plain(self, z: Array) -> bool:
         """z of this step, on time and of the model's weight, into its slot; False where the slot is taken."""
@@ -207,7 +207,9 @@ class Ring:
         return True
 
     def store(self, z: Any) -> bool:
-        """The hot path's update(): z into the next slot, if it is a plain finite measurement; else nothing is done."""
+        """The hot path's update(): z into the next slot, if it is a plain finite measurement; else nothing
+        is done.
+        """
         i = self.end
         try:
             if self.single:
@@ -314,7 +316,7 @@ class Ring:
             self.irregular = self.begin + int(holes[-1]) if len(holes) else self.begin - 1
         return True
 
-    # -- the estimate -----------------------------------------------------------------------------------------
+    # -- the estimate ----------------------------------------------------------------------------------------
 
     @property
     def length(self) -> int:
@@ -406,13 +408,17 @@ class Ring:
         return self._patterned(weights)
 
     def _span(self, length: int) -> int:
-        """Slots the working view covers: a power of two while the window grows, so that few bases are needed."""
+        """Slots the working view covers: a power of two while the window grows, so that few bases are
+        needed.
+        """
         return min(
             max(8, 1 << (length + self.overhang - 1).bit_length()), self.limits.horizon + self.overhang
         )
 
     def _normal(self, span: int, weights: Array) -> Array | None:
-        """Normal equations in the basis of the full window; None where the rows present are too few for them."""
+        """Normal equations in the basis of the full window; None where the rows present are too few for
+        them.
+        """
         basis = self.plan.basis(span)
         r = basis.rank
         if not basis.sound or not r:
@@ -459,7 +465,7 @@ class Ring:
             rows,
         )
 
-    # -- change of engine -------------------------------------------------------------------------------------
+    # -- change of engine ------------------------------------------------------------------------------------
 
     def records(self) -> Records:
         """The same past as records: the reference engine takes over."""

@@ -103,7 +103,7 @@ class Varying(Records):
         rows.append(row)
         self.spread = max(self.spread, row.arrival - row.origin)
 
-    # -- transitions ------------------------------------------------------------------------------------------
+    # -- transitions -----------------------------------------------------------------------------------------
 
     def advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """One predict()."""
@@ -130,7 +130,9 @@ class Varying(Records):
         self._prepare(block, now, F)
 
     def _prepare(self, block: Block, now: int, F: Array) -> None:
-        """Build the following block a row at a time, and go over to it when its table reaches far enough back."""
+        """Build the following block a row at a time, and go over to it when its table reaches far enough
+        back.
+        """
         horizon = self.limits.horizon
         half = horizon // 2
         if self.following is None and now - 1 == block.boundary + half:
@@ -195,7 +197,7 @@ class Varying(Records):
             self.steps.popleft()
             self.first += 1
 
-    # -- blocks -----------------------------------------------------------------------------------------------
+    # -- blocks ----------------------------------------------------------------------------------------------
 
     def _block(self, boundary: int) -> Block:
         block = Block(boundary, boundary - self.spread, len(self.steps[-1].F))
@@ -256,7 +258,7 @@ class Varying(Records):
             self.path[number] = moved
         self.x_u = moved if self.after is None else moved + self.after
 
-    # -- the estimate -----------------------------------------------------------------------------------------
+    # -- the estimate ----------------------------------------------------------------------------------------
 
     def solve(self, limits: Limits, lag: int = 0, rows: object = None) -> Solution | None:
         """Least squares over the window; the reference solution for lags and where sums would not do."""

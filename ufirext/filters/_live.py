@@ -35,7 +35,9 @@ class Live:
         return self._handed
 
     def assign(self, value: Any) -> bool:
-        """A new value from outside, validated; edits of the array assigned keep counting. True if it differs."""
+        """A new value from outside, validated; edits of the array assigned keep counting. True if it
+        differs.
+        """
         array = self._check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self._handed = value if same and value.flags.writeable else None
@@ -45,7 +47,9 @@ class Live:
         return True
 
     def known(self, value: Any) -> Array | None:
-        """The frozen value itself where `value` is an array equal to it: what is constant is known by identity."""
+        """The frozen value itself where `value` is an array equal to it: what is constant is known by
+        identity.
+        """
         own = self.value
         if value.__class__ is np.ndarray and value.shape == own.shape and value.dtype == own.dtype:
             return own if value.tobytes() == own.tobytes() else None
@@ -62,7 +66,8 @@ class Live:
         if handed is None:
             return False
         if handed.tobytes() == self.value.tobytes():
-            # Whoever holds a view holds its base: an array that is a view itself can be edited behind our back.
+            # Whoever holds a view holds its base: an array that is a view itself can be edited behind our
+            # back.
             if handed.base is None and sys.getrefcount(handed) <= _ALONE:
                 self._handed = None
             return False

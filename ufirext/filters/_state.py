@@ -14,7 +14,6 @@ from ..errors import ShapeError
 from ._live import Live
 from ._update import Update
 
-
 # Masks of measurements with every component present.
 _ALL = {size: readonly(np.ones(size, dtype=bool)) for size in range(1, 65)}
 
@@ -61,7 +60,7 @@ class FilterState:
     def last(self, value: Update | None) -> None:
         self._last = value
 
-    # -- what the client sees ---------------------------------------------------------------------------------
+    # -- what the client sees --------------------------------------------------------------------------------
 
     def shaped(self, flat: Array) -> Array:
         """A fresh copy in the client's form, (n, 1) or (n,)."""
@@ -162,7 +161,7 @@ class FilterState:
         self.x, self.P = x, P
         self._x_handed = self._P_handed = None
 
-    # -- the two transitions ----------------------------------------------------------------------------------
+    # -- the two transitions ---------------------------------------------------------------------------------
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""
@@ -176,7 +175,9 @@ class FilterState:
     def update(
         self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
     ) -> None:
-        """Measurement update; z flat with NaN for missing components, or None; `whole`: every component is there."""
+        """Measurement update; z flat with NaN for missing components, or None; `whole`: every component is
+        there.
+        """
         x, P = self.x, self.P
         mask = _ALL.get(len(H)) if whole else None
         gain: Covariance | None = None
@@ -222,13 +223,15 @@ class FilterState:
         if last is not None and last.z is not None and z is not None and z.shape == last.z.shape:
             self.last = replace(last, z=np.where(last.mask, last.z, z))
 
-    # -- what a kind of filter does ---------------------------------------------------------------------------
+    # -- what a kind of filter does --------------------------------------------------------------------------
 
     def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """A predict() is about to happen."""
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
-        """Take the measured components and publish; the gain on them, None where the row counts as missing."""
+        """Take the measured components and publish; the gain on them, None where the row counts as
+        missing.
+        """
         raise NotImplementedError
 
     def _skip(self) -> None:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import copy
-import math
-import sys
-from collections.abc import Iterable, Sequence
-from itertools import repeat
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, column, covariance, integer, matrix, real, square
-from ..errors import NonFiniteError, ShapeError
+from .._arrays import Array, covariance, integer, matrix, real
+from ..errors import ShapeError
+from ._arguments import input_matrix, input_vector, measurement
+from ._attributes import Attributes
 from ._describe import describe
+from ._series import PerStep, run_series, smooth_series
 from ._state import FilterState
 from ._update import LOG_SMALLEST, log_normal
 
@@ -23,177 +23,17 @@ class DimensionMismatch(ShapeError, AssertionError):
     """A matrix does not fit the others; also an AssertionError, as filterpy raises there."""
 
 
-class FilterSurface:
-    """The verbs and attributes of filterpy's KalmanFilter; subclasses bring the state object that does the work."""
-
-    _state: FilterState
+class FilterSurface(Attributes):
+    """The verbs and attributes of filterpy's KalmanFilter; subclasses bring the state object that does the
+    work.
+    """
 
     def __init__(self, dim_x: int, dim_z: int, dim_u: int, state: FilterState) -> None:
         self.dim_x, self.dim_z, self.dim_u = dim_x, dim_z, dim_u
         self.inv = np.linalg.inv
         self._state = state
 
-    # -- state and model --------------------------------------------------------------------------------------
-
-    @property
-    def x(self) -> Array:
-        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
-        return self._state.hand_out_x()
-
-    @x.setter
-    def x(self, value: ArrayLike) -> None:
-        self._state.write_x(value)
-
-    @property
-    def P(self) -> Array:
-        """Error covariance of x, (dim_x, dim_x); a written P holds for the coming prediction and update."""
-        return self._state.hand_out_P()
-
-    @P.setter
-    def P(self, value: ArrayLike) -> None:
-        self._state.write_P(value)
-
-    @property
-    def F(self) -> Array:
-        """State transition, (dim_x, dim_x)."""
-        return self._state.hand_out("F")
-
-    @F.setter
-    def F(self, value: ArrayLike) -> None:
-        self._state.assign("F", value)
-
-    @property
-    def H(self) -> Array:
-        """Measurement matrix, (dim_z, dim_x)."""
-        return self._state.hand_out("H")
-
-    @H.setter
-    def H(self, value: ArrayLike) -> None:
-        self._state.assign("H", value)
-
-    @property
-    def Q(self) -> Array:
-        """Process noise covariance, (dim_x, dim_x)."""
-        return self._state.hand_out("Q")
-
-    @Q.setter
-    def Q(self, value: ArrayLike) -> None:
-        self._state.assign("Q", value)
-
-    @property
-    def R(self) -> Array:
-        """Measurement noise covariance, (dim_z, dim_z)."""
-        return self._state.hand_out("R")
-
-    @R.setter
-    def R(self, value: ArrayLike) -> None:
-        self._state.assign("R", value)
-
-    @property
-    def M(self) -> Array:
-        """Cross-correlation of process and measurement noise, (dim_x, dim_z); used by `update_correlated`."""
-        return self._state.hand_out("M")
-
-    @M.setter
-    def M(self, value: ArrayLike) -> None:
-        self._state.assign("M", value)
-
-    @property
-    def B(self) -> Array | None:
-        """Input matrix, (dim_x, dim_u), or None."""
-        return None if self._state.B is None else self._state.hand_out("B")
-
-    @B.setter
-    def B(self, value: ArrayLike | None) -> None:
-        self._state.assign_B(value, self.dim_u)
-
-    @property
-    def alpha(self) -> float:
-        """Fading memory, at least 1; multiplies the predicted P by alpha^2."""
-        return math.sqrt(self._state.fading)
-
-    @alpha.setter
-    def alpha(self, value: float) -> None:
-        if not np.isscalar(value) or not value >= 1 or not math.isfinite(value):  # type: ignore[operator]
-            raise ValueError(f"alpha must be a finite number of at least 1, got {value!r}")
-        self._state.settle()
-        self._state.fading = float(value) ** 2  # type: ignore[arg-type]
-
-    # -- the last step ----------------------------------------------------------------------------------------
-
-    @property
-    def x_prior(self) -> Array:
-        """Prediction before the last update, a copy."""
-        return self._state.shaped(self._state.look().prior[0])
-
-    @property
-    def P_prior(self) -> Array:
-        """Covariance of `x_prior`, a copy."""
-        return self._state.look().prior[1].value.copy()
-
-    @property
-    def x_post(self) -> Array:
-        """Estimate after the last update, a copy."""
-        return self._state.shaped(self._state.look().post[0])
-
-    @property
-    def P_post(self) -> Array:
-        """Covariance of `x_post`, a copy."""
-        return self._state.look().post[1].value.copy()
-
-    @property
-    def z(self) -> Array:
-        """The last measurement in the form of x; an array of None if there was none."""
-        last = self._state.look().last
-        if last is None or last.z is None:
-            empty = np.array([None] * self.dim_z)
-            return empty.reshape(-1, 1) if self._state.form == 2 else empty
-        return self._state.shaped(last.z)
-
-    @property
-    def y(self) -> Array:
-        """Innovation z - H x_prior, 0 where nothing was measured."""
-        last = self._state.look().last
-        return self._state.shaped(np.zeros(self.dim_z) if last is None else last.y)
-
-    @property
-    def K(self) -> Array:
-        """Gain on the newest measurement, (dim_x, dim_z)."""
-        last = self._state.look().last
-        return np.zeros((self.dim_x, self.dim_z)) if last is None else last.K.copy()
-
-    @property
-    def S(self) -> Array:
-        """Innovation covariance H P_prior H' + R, (dim_z, dim_z)."""
-        last = self._state.look().last
-        return np.zeros((self.dim_z, self.dim_z)) if last is None else last.S.copy()
-
-    @property
-    def SI(self) -> Array:
-        """Inverse of S, by the replaceable `inv`."""
-        last = self._state.look().last
-        return np.zeros((self.dim_z, self.dim_z)) if last is None else np.asarray(self.inv(last.S))
-
-    @property
-    def log_likelihood(self) -> float:
-        """log N(y; 0, S) of the last update."""
-        last = self._state.look().last
-        return LOG_SMALLEST if last is None else last.log_likelihood()
-
-    @property
-    def likelihood(self) -> float:
-        """exp(log_likelihood), never 0."""
-        return max(math.exp(min(self.log_likelihood, 709.0)), sys.float_info.min)
-
-    @property
-    def mahalanobis(self) -> float:
-        """sqrt(y' S^-1 y)."""
-        last = self._state.look().last
-        if last is None:
-            return 0.0
-        return math.sqrt(max(float(last.y @ self.SI @ last.y), 0.0))
-
-    # -- verbs ------------------------------------------------------------------------------------------------
+    # -- verbs -----------------------------------------------------------------------------------------------
 
     def predict(
         self,
@@ -226,8 +66,8 @@ class FilterSurface:
         Q_now = state.Q.value if Q is None else state.Q.taken(Q)
         known = None
         if u is not None and (B is not None or state.B is not None):
-            inputs = state.B.value if B is None and state.B is not None else _as_inputs(B, n)
-            known = inputs @ _input(u, inputs.shape[1])
+            inputs = state.B.value if B is None and state.B is not None else input_matrix(B, n)
+            known = inputs @ input_vector(u, inputs.shape[1])
         return F_now, Q_now, known
 
     def update(
@@ -261,9 +101,10 @@ class FilterSurface:
         self, z: ArrayLike | None, R: ArrayLike | None, H: ArrayLike | None
     ) -> tuple[Array | None, Array, Array]:
         state = self._state
-        H_now = state.H.value if H is None else state.H.known(H)
-        if H_now is None:
-            H_now = self._observation(H)
+        H_now = state.H.value
+        if H is not None:
+            same = state.H.known(H)
+            H_now = self._observation(H) if same is None else same
         m = len(H_now)
         if R is not None:
             R_now = state.R.known(R)
@@ -328,7 +169,7 @@ class FilterSurface:
         if same_step and before is not None:
             state.show_earlier(before.z)
 
-    # -- helpers ----------------------------------------------------------------------------------------------
+    # -- helpers ---------------------------------------------------------------------------------------------
 
     def get_prediction(
         self,
@@ -393,12 +234,12 @@ class FilterSurface:
     def batch_filter(
         self,
         zs: Sequence[Any] | Array,
-        Fs: Iterable[ArrayLike | None] | None = None,
-        Qs: Iterable[ArrayLike | None] | None = None,
-        Hs: Iterable[ArrayLike | None] | None = None,
-        Rs: Iterable[ArrayLike | None] | None = None,
-        Bs: Iterable[ArrayLike | None] | None = None,
-        us: Iterable[ArrayLike | None] | None = None,
+        Fs: PerStep = None,
+        Qs: PerStep = None,
+        Hs: PerStep = None,
+        Rs: PerStep = None,
+        Bs: PerStep = None,
+        us: PerStep = None,
         update_first: bool = False,
         saver: Any = None,
     ) -> tuple[Array, Array, Array, Array]:
@@ -419,21 +260,7 @@ class FilterSurface:
         means, covariances, means_p, covariances_p : ndarray
             (T, dim_x, 1) or (T, dim_x) in the form of x, and (T, dim_x, dim_x): after update, after predict.
         """
-        count, form = len(zs), (self.dim_x, 1) if self._state.form == 2 else (self.dim_x,)
-        means, means_p = np.zeros((count, *form)), np.zeros((count, *form))
-        covs, covs_p = (np.zeros((count, self.dim_x, self.dim_x)) for _ in range(2))
-        lists = [repeat(None) if values is None else values for values in (Fs, Qs, Hs, Rs, Bs, us)]
-        for i, (z, F, Q, H, R, B, u) in enumerate(zip(zs, *lists, strict=False)):
-            for verb in ("update", "predict") if update_first else ("predict", "update"):
-                if verb == "update":
-                    self.update(z, R=R, H=H)
-                    means[i], covs[i] = self.x, self._state.look().P.value
-                else:
-                    self.predict(u=u, B=B, F=F, Q=Q)
-                    means_p[i], covs_p[i] = self.x, self._state.look().P.value
-            if saver is not None:
-                saver.save()
-        return means, covs, means_p, covs_p
+        return run_series(self, zs, (Fs, Qs, Hs, Rs, Bs, us), update_first, saver)
 
     def rts_smoother(
         self,
@@ -450,50 +277,10 @@ class FilterSurface:
         x, P, K, Pp : ndarray
             Smoothed means and covariances, smoother gains, predicted covariances.
         """
-        if len(Xs) != len(Ps):
-            raise ShapeError(f"Xs and Ps must have the same length, got {len(Xs)} and {len(Ps)}")
         count = len(Xs)
         Fs = [self._state.F.value] * count if Fs is None else Fs
         Qs = [self._state.Q.value] * count if Qs is None else Qs
-        x, P, Pp = np.array(Xs, dtype=float), np.array(Ps, dtype=float), np.array(Ps, dtype=float)
-        K = np.zeros((count, self.dim_x, self.dim_x))
-        for k in range(count - 2, -1, -1):
-            F = np.asarray(Fs[k + 1])
-            Pp[k] = F @ P[k] @ F.T + Qs[k + 1]
-            try:
-                K[k] = P[k] @ F.T @ inv(Pp[k])
-            except np.linalg.LinAlgError:
-                K[k] = P[k] @ F.T @ np.linalg.pinv(Pp[k])
-            x[k] += K[k] @ (x[k + 1] - F @ x[k])
-            P[k] += K[k] @ (P[k + 1] - Pp[k]) @ K[k].T
-        return x, P, K, Pp
+        return smooth_series(Xs, Ps, Fs, Qs, inv)
 
     def __repr__(self) -> str:
         return describe(self)
-
-
-def measurement(z: ArrayLike | None, m: int) -> Array | None:
-    """z as a flat (m,) array with NaN for missing components, None as None; infinity is refused."""
-    if z is None:
-        return None
-    flat = column(z, m, "z")
-    if not flat.dot(flat) < np.inf and np.isinf(flat).any():
-        raise NonFiniteError(f"z must be finite (NaN marks a missing component), got {flat}")
-    return flat
-
-
-def _as_inputs(B: ArrayLike | None, n: int) -> Array:
-    array = real(B, "B") if B is not None else np.zeros((n, 0))
-    if array.ndim < 2:
-        array = array.reshape(-1, 1) if array.size == n else array
-    return matrix(array, (n, None), "B", "(dim_x, dim_u)")
-
-
-def _input(u: ArrayLike, size: int) -> Array:
-    array = real(u, "u")
-    if array.ndim == 0 and size != 1 and array == 0.0:
-        return np.zeros(size)  # filterpy's batch and MMAE pass u = 0 for no input
-    flat = column(array, size, "u")
-    if not np.isfinite(flat).all():
-        raise NonFiniteError(f"u must be finite, got {flat}")
-    return flat

@@ -1,4 +1,6 @@
-"""What a UFIRFilter remembers and how it decides: warm-up, window, coasting, horizon, and the hot path's laziness."""
+"""What a UFIRFilter remembers and how it decides: warm-up, window, coasting, horizon, and the hot path's
+laziness.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,14 @@ from ..gains import observability_index
 from ..model import Model
 from ..window import Row
 from ._state import FilterState
-from ._update import Update, innovation_gain, joseph
+from ._update import innovation_gain, joseph
 
 # Horizon where the model determines none (it is unobservable at every horizon: the filter coasts).
 FALLBACK_HORIZON = 10
 MISSING = ("extend", "skip", "predict")
 WINDOWS = ("arrivals", "origins")
-# The hot path: a constant model, a window without holes, nothing written from outside. Then predict() only moves
+# The hot path: a constant model, a window without holes, nothing written from outside. Then predict() only
+# moves
 # `mode` from POSTED to PREDICTED, update() only stores z, and x is worked out when it is read.
 SLOW, POSTED, PREDICTED = 0, 1, 2
 
@@ -52,10 +55,12 @@ class UFIRState(FilterState):
         self.lazy = False  # x is worked out when it is read
         self.hot_x: Array | None = None  # x after the last hot update, unless lazy
         self.product: Any = None  # G.dot of the full window
-        self.views: list[Array | None] = []  # the full window that ends at each slot: looking up beats slicing
+        self.views: list[
+            Array | None
+        ] = []  # the full window that ends at each slot: looking up beats slicing
         self.seen = 0  # step up to which the published fields are worked out
 
-    # -- horizon ----------------------------------------------------------------------------------------------
+    # -- horizon ---------------------------------------------------------------------------------------------
 
     def write_x(self, value: Any) -> None:
         """x assigned from outside; its form becomes the client's form."""
@@ -106,7 +111,7 @@ class UFIRState(FilterState):
             self._limits_of = key
         return self._limits
 
-    # -- engines ----------------------------------------------------------------------------------------------
+    # -- engines ---------------------------------------------------------------------------------------------
 
     def _start(self, F: Array, Q: Array) -> Ring | Records:
         """The engine in charge, chosen when the first verb needs one, or when the past has become regular."""
@@ -145,7 +150,7 @@ class UFIRState(FilterState):
         self.irregular = self.now
         return self.engine
 
-    # -- hooks ------------------------------------------------------------------------------------------------
+    # -- hooks -----------------------------------------------------------------------------------------------
 
     def _model_changed(self) -> None:
         self.stale = True
@@ -185,8 +190,10 @@ class UFIRState(FilterState):
 
     def _add(
         self, engine: Ring | Records, z: Array, H: Array, R: Array, delay: int
-    ) -> Solution | None | bool:
-        """The row into the engine: the solution, None where there is none yet, False for a row that says nothing."""
+    ) -> Solution | bool | None:
+        """The row into the engine: the solution, None where there is none yet, False for a row that says
+        nothing.
+        """
         if isinstance(engine, Ring):
             if not delay and H is self.anchor[1] and R is self.anchor[3] and engine.add_plain(z):
                 return engine.solve()
@@ -244,7 +251,7 @@ class UFIRState(FilterState):
             self.ready_at = self.now
             self._publish(solution.x, solution.covariance)
 
-    # -- the hot path -----------------------------------------------------------------------------------------
+    # -- the hot path ----------------------------------------------------------------------------------------
 
     def warm(self) -> None:
         """Go over to the hot path if nothing stands against it."""
@@ -400,7 +407,7 @@ class UFIRState(FilterState):
             self.mode = SLOW
         super().settle()
 
-    # -- what the window says ---------------------------------------------------------------------------------
+    # -- what the window says --------------------------------------------------------------------------------
 
     @property
     def ready(self) -> bool:

@@ -102,7 +102,7 @@ class UFIRFilter(FilterSurface):
         new.inv = kf.inv
         return new
 
-    # -- the two verbs, with their hot path -------------------------------------------------------------------
+    # -- the two verbs, with their hot path ------------------------------------------------------------------
 
     @property
     def x(self) -> Array:
@@ -147,7 +147,7 @@ class UFIRFilter(FilterSurface):
                     return
         super().update(z, R, H, delay=delay)
 
-    # -- beyond filterpy --------------------------------------------------------------------------------------
+    # -- beyond filterpy -------------------------------------------------------------------------------------
 
     @property
     def ready(self) -> bool:
@@ -156,7 +156,9 @@ class UFIRFilter(FilterSurface):
 
     @property
     def horizon(self) -> int | None:
-        """Length of the window in use, steps; None before it was chosen. Assign an int, "auto" or "adaptive"."""
+        """Length of the window in use, steps; None before it was chosen. Assign an int, "auto" or
+        "adaptive".
+        """
         if self._state.horizon is None:
             self._state.settle()
             self._state.refresh()

@@ -1,0 +1,62 @@
+"""Recorded series through a filter, in filterpy's shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import repeat
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array
+from ..errors import ShapeError
+
+if TYPE_CHECKING:
+    from ._surface import FilterSurface
+
+PerStep = Iterable[ArrayLike | None] | None
+
+
+def run_series(
+    f: FilterSurface, zs: Sequence[Any] | Array, per_step: Sequence[PerStep], update_first: bool, saver: Any
+) -> tuple[Array, Array, Array, Array]:
+    """Means and covariances after update and after predict; `per_step` holds Fs, Qs, Hs, Rs, Bs, us."""
+    count, form = len(zs), (f.dim_x, 1) if f._state.form == 2 else (f.dim_x,)
+    means, means_p = np.zeros((count, *form)), np.zeros((count, *form))
+    covs, covs_p = (np.zeros((count, f.dim_x, f.dim_x)) for _ in range(2))
+    lists = [repeat(None) if values is None else values for values in per_step]
+    for i, (z, F, Q, H, R, B, u) in enumerate(zip(zs, *lists, strict=False)):
+        for verb in ("update", "predict") if update_first else ("predict", "update"):
+            if verb == "update":
+                f.update(z, R=R, H=H)
+                means[i], covs[i] = f.x, f._state.look().P.value
+            else:
+                f.predict(u=u, B=B, F=F, Q=Q)
+                means_p[i], covs_p[i] = f.x, f._state.look().P.value
+        if saver is not None:
+            saver.save()
+    return means, covs, means_p, covs_p
+
+
+def smooth_series(
+    Xs: Array, Ps: Array, Fs: Sequence[Array], Qs: Sequence[Array], inv: Any
+) -> tuple[Array, Array, Array, Array]:
+    """Rauch-Tung-Striebel smoothing: smoothed means and covariances, smoother gains, predicted
+    covariances.
+    """
+    if len(Xs) != len(Ps):
+        raise ShapeError(f"Xs and Ps must have the same length, got {len(Xs)} and {len(Ps)}")
+    count = len(Xs)
+    x, P, Pp = np.array(Xs, dtype=float), np.array(Ps, dtype=float), np.array(Ps, dtype=float)
+    K = np.zeros((count, Ps.shape[-1], Ps.shape[-1]))
+    for k in range(count - 2, -1, -1):
+        F = np.asarray(Fs[k + 1])
+        Pp[k] = F @ P[k] @ F.T + Qs[k + 1]
+        try:
+            K[k] = P[k] @ F.T @ inv(Pp[k])
+        except np.linalg.LinAlgError:
+            K[k] = P[k] @ F.T @ np.linalg.pinv(Pp[k])
+        x[k] += K[k] @ (x[k + 1] - F @ x[k])
+        P[k] += K[k] @ (P[k + 1] - Pp[k]) @ K[k].T
+    return x, P, K, Pp
