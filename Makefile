@@ -36,7 +36,7 @@ help:
 	@sed -n 's/^# make/make/p' Makefile
 
 demo: $(VENV)/.cli
-	$(BIN)/ufirext demo
+	$(BIN)/ufirext demo --out out/demo
 
 test: $(VENV)/.dev $(VENV)/.trackers
 	$(BIN)/python -m pytest -n 2 $(TESTS)
