@@ -7,7 +7,6 @@ from typing import Any
 
 from .._arrays import Array, symmetric
 
-
 # A longer chain of predictions nobody looked at is worked off, so that evaluating it never recurses deeply.
 LONGEST_CHAIN = 50
 

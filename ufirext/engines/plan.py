@@ -13,7 +13,6 @@ from ..model import Model
 from ..window import Window, model_window, whitener
 from .covariance import Covariance
 
-
 # Patterns of holes remembered by a plan, bytes of their keys.
 PATTERN_BYTES = 500_000
 

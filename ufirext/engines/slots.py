@@ -1,0 +1,284 @@
+"""Measurements of a constant model in a buffer, one slot a step: what came, when, and with which weight."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array
+from ..window import Row
+from .plan import Plan
+from .records import NEGLIGIBLE, Limits
+from .trajectory import Trajectory
+
+FLOAT = np.dtype(float)
+# Arrival of a slot that nothing has come for.
+NEVER = -(2**62)
+# Weights within this factor of 1 need no thought whether they are negligible.
+ORDINARY = 1e3
+# x_u starts anew after this many horizons.
+REBASE = 3
+
+
+class Slots:
+    """Buffer of the last measurements, with the holes, delays and weights of its rows.
+
+    `free` holds w (z - H x_u), what gains are applied to. `raw` (z itself) is kept only once something is known about
+    the state or a row came late.
+    """
+
+    def __init__(self, plan: Plan, limits: Limits, now: int) -> None:
+        self.plan, self.limits = plan, limits
+        self.keep = 2 * limits.reach + 1  # rows within reach that were as late as can be when they came
+        self.capacity = self.keep + max(self.keep, 256)
+        self.base = now - self.keep + 1  # step of slot 0: the past is empty slots
+        self.end = self.keep  # one past the newest slot
+        m = plan.model.dim_z
+        self.free = np.zeros((self.capacity, m))
+        self._alias()
+        self.single, self.ones, self.flat_shape, self.column_shape = m == 1, np.ones(m), (m,), (m, 1)
+        self.variances: list[list[float]] = plan.model.R.tolist()
+        self.weights = np.zeros(self.capacity)
+        self.arrivals = np.full(self.capacity, NEVER)
+        self._default()
+        self.begin: int | None = None  # step of the oldest row
+        self.irregular = now - 1  # newest step that broke the plain sequence
+        self.spread = 0  # longest delay seen
+        self.newest_age = 0  # of the row that came last
+        self.odd: dict[int, Row] = {}
+        self.raw: Array | None = None
+        self.inputs: Trajectory | None = None
+
+    def _alias(self) -> None:
+        """The buffer as seen by z in its other shapes."""
+        self.flat, self.columns = self.free.reshape(-1), self.free[:, :, None]
+
+    @property
+    def now(self) -> int:
+        """Step of the newest slot."""
+        return self.base + self.end - 1
+
+    @property
+    def overhang(self) -> int:
+        """How much further back than the horizon the origins of a window's rows can lie."""
+        return self.spread if self.limits.by_arrival else 0
+
+    def _default(self) -> None:
+        """Slots ahead are plain rows that arrive on time, so that the hot path writes nothing but z."""
+        self.weights[self.end :] = 1.0
+        self.arrivals[self.end :] = np.arange(self.base + self.end, self.base + self.capacity)
+
+    def compact(self) -> None:
+        """Move what a window can reach to the front."""
+        shift = self.end - self.keep
+        for array in (self.free, self.weights, self.arrivals, self.raw):
+            if array is not None:
+                array[: self.keep] = array[shift : self.end].copy()
+        if self.inputs is not None:
+            self.inputs.compact(shift, self.keep)
+        self.base, self.end = self.base + shift, self.keep
+        self._default()
+        self.odd = {step: row for step, row in self.odd.items() if step >= self.base}
+
+    # -- transitions -----------------------------------------------------------------------------------------
+
+    def advance(self, known: Array | None) -> None:
+        """One predict(): a new slot that nothing has come for yet."""
+        i = self.end
+        if self.arrivals[i - 1] == NEVER:
+            self.irregular = self.now
+        self.end += 1
+        self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
+        if known is not None or self.inputs is not None:
+            inputs = self._trajectory()
+            inputs.advance(i, self.plan.model.F, known)
+            if self.now - inputs.rebased >= REBASE * self.limits.horizon:
+                self._rebase(inputs)
+        if self.spread and self.limits.by_arrival:
+            self._expire()
+        if self.end == self.capacity:
+            self.compact()
+
+    def edit(self, delta: Array, after_rows: bool) -> None:
+        """x was moved from outside by `delta`, after or before the rows of this step."""
+        self._trajectory().edit(self.end - 1, delta, after_rows)
+
+    def _trajectory(self) -> Trajectory:
+        if self.inputs is None:
+            self._keep_raw()
+            self.inputs = Trajectory(self.capacity, self.plan.model.dim_x, self.now)
+        return self.inputs
+
+    def _keep_raw(self) -> None:
+        if self.raw is None:
+            self.raw = self.free.copy()
+            for step, row in self.odd.items():
+                self.raw[step - self.base] = row.z
+
+    def _rebase(self, inputs: Trajectory) -> None:
+        """Start x_u anew at the oldest slot of the window; forget it once nothing in reach knew anything."""
+        raw: Array = self.free if self.raw is None else self.raw
+        if not inputs.known[self.end - self.keep : self.end].any():
+            self.free[: self.end] = raw[: self.end] * self.weights[: self.end, None]
+            self.inputs, self.raw = None, raw if self.spread else None
+            return
+        low = self.end - self.limits.horizon - self.overhang
+        inputs.rebase(low, self.end, self.plan.model.F)
+        inputs.rebased = self.now
+        seen = inputs.path[low : self.end] @ self.plan.model.H.T
+        self.free[low : self.end] = self.weights[low : self.end, None] * (raw[low : self.end] - seen)
+
+    def hole(self) -> None:
+        """The hot path's update(None): a slot that stays empty."""
+        i = self.end
+        self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
+        self.irregular = self.base + i
+        self.end = i + 1
+        if self.end == self.capacity:
+            self.compact()
+
+    # -- rows ------------------------------------------------------------------------------------------------
+
+    def add_plain(self, z: Array) -> bool:
+        """z of this step, on time and of the model's weight, into its slot; False where the slot is taken."""
+        i = self.end - 1
+        if self._taken(i):
+            return False
+        now = self.base + i
+        self.arrivals[i], self.weights[i], self.newest_age = now, 1.0, 0
+        if self.raw is not None:
+            self.raw[i] = z
+        self.free[i] = self._unmoved(z, i)
+        if self.begin is None:
+            self.begin = now
+        return True
+
+    def _taken(self, i: int) -> bool:
+        """Whether a slot has its row, or x was edited since the rows of this step."""
+        return bool(self.arrivals[i] != NEVER) or (self.inputs is not None and self.inputs.after is not None)
+
+    def _unmoved(self, z: Array, i: int) -> Array:
+        return z if self.inputs is None else z - self.plan.model.H.dot(self.inputs.path[i])
+
+    def add(self, row: Row) -> bool:
+        """Put a row that arrived now into the slot of its origin; False where a ring cannot."""
+        i = row.origin - self.base
+        weight = self.relative_weight(row)
+        late = self.now - row.origin
+        if weight is None or late + self.limits.horizon >= self.keep:
+            return False
+        if self._taken(i):
+            return False
+        if late:
+            self._keep_raw()  # rows will leave the weighted copy one by one, in the order they came
+        self.arrivals[i], self.weights[i], self.newest_age = row.arrival, weight, late
+        if late or weight != 1.0:
+            self.odd[row.origin], self.irregular = row, self.now
+        if self.raw is not None:
+            self.raw[i] = row.z
+        self.free[i] = weight * self._unmoved(row.z, i)
+        if late > self.spread:
+            self.spread = late
+            self._expire()
+        if self.begin is None or row.origin < self.begin:
+            self.begin = row.origin
+        return True
+
+    def store(self, z: Any) -> bool:
+        """The hot path's update(): a plain finite z into the next slot; anything else is left alone."""
+        i = self.end
+        try:
+            if self.single:
+                value = z if type(z) is float else z.item()
+                if value - value != 0.0:
+                    return False
+                self.flat[i] = value
+            else:
+                shape = z.shape
+                if z.dtype is not FLOAT:
+                    return False
+                if shape == self.flat_shape:
+                    self.free[i] = z
+                elif shape == self.column_shape:
+                    self.columns[i] = z
+                else:
+                    return False
+                total = self.ones.dot(z)
+                if total - total != 0.0:
+                    return False
+        except (AttributeError, TypeError, ValueError):
+            return False
+        self.end = i + 1
+        if self.end == self.capacity:
+            self.compact()
+        return True
+
+    def quick_weight(self, R: Any) -> float | None:
+        """w where R = R_model / w, for the hot path; None for whatever is not plainly so, or far from 1."""
+        base = self.variances
+        try:
+            if self.single:
+                weight = base[0][0] / (R if type(R) is float else R.item())
+            else:
+                given = R.tolist()
+                weight = base[0][0] / given[0][0]
+                for ours, theirs in zip(base, given, strict=True):
+                    for a, b in zip(ours, theirs, strict=True):
+                        if abs(a - weight * b) > 1e-15 * abs(a):
+                            return None
+        except (AttributeError, TypeError, ValueError, IndexError, ZeroDivisionError):
+            return None
+        return weight if 1.0 / ORDINARY < weight < ORDINARY else None
+
+    def weigh(self, weight: float, R: Array) -> None:
+        """Give the row stored last its weight."""
+        i, now = self.end - 1, self.now
+        z = self.free[i].copy()
+        self.odd[now] = Row(now, now, self.plan.model.H, R.reshape(len(z), -1).copy(), z)
+        self.free[i] *= weight
+        self.weights[i], self.irregular = weight, now
+
+    def unstore(self) -> None:
+        """Take the row stored last back."""
+        self.odd.pop(self.now, None)
+        self.end -= 1
+        self.weights[self.end] = 1.0
+
+    def relative_weight(self, row: Row) -> float | None:
+        """w where R_row = R / w; None where R is no multiple of the model's, or H another."""
+        model = self.plan.model
+        if row.H is not model.H and not np.array_equal(row.H, model.H):
+            return None
+        if row.R is model.R:
+            return 1.0
+        top = float(model.R[0, 0])
+        ratio = float(row.R[0, 0]) / top if top > 0.0 else 0.0
+        if not ratio > 0.0 or np.abs(row.R - ratio * model.R).max() > 1e-15 * np.abs(row.R).max():
+            return None
+        return 1.0 / ratio
+
+    def negligible(self, row: Row) -> bool:
+        """A row whose information is nothing beside the window's counts as missing."""
+        if row.R is self.plan.model.R or self.begin is None:
+            return False
+        weight = self.relative_weight(row)
+        present = self.weights[self.end - self.limits.horizon - self.overhang : self.end]
+        return weight is not None and weight < NEGLIGIBLE * float(present.max())
+
+    def _expire(self) -> None:
+        """Rows that arrived a horizon ago leave the working copy, wherever their origins lie."""
+        if self.limits.by_arrival:
+            window = slice(self.end - self.limits.horizon - self.spread, self.end)
+            gone = self.arrivals[window] <= self.now - self.limits.horizon
+            self.weights[window][gone] = 0.0
+            self.free[window][gone] = 0.0
+
+    def _copy_into(self, fork: Any) -> None:
+        copied = {k: v.copy() if hasattr(v, "copy") and k != "plan" else v for k, v in self.__dict__.items()}
+        fork.__dict__.update(copied)
+        fork._alias()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._alias()  # pickle has torn the views off their buffer
