@@ -310,3 +310,14 @@ def test_known_inputs_between_origin_and_arrival_leave_no_bias():
             assert_allclose(posterior.y, 0.0, atol=1e-9)
             assert_allclose(lifted.x[6:], history[step - 3], atol=1e-9)
     assert_allclose(state.x, x, atol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1e-14, 1e-9, 1e-4, 1e-2, 1.0, 1e6])
+def test_the_covariance_keeps_its_digits_however_good_the_measurement(ratio):
+    """Against the information form, which is exact where the measurement is good."""
+    P = np.array([[2.0, 1.2], [1.2, 1.0]])
+    after = update(np.zeros(2), P, np.zeros(1), H1, np.array([[ratio]])).P
+    exact = np.linalg.inv(np.linalg.inv(P) + H1.T @ H1 / ratio)
+    assert_allclose(after, exact, rtol=1e-9 + 1e-15 / ratio, atol=1e-13 * ratio)
+    assert after[0, 0] == pytest.approx(2.0 * ratio / (2.0 + ratio), rel=1e-12)
+    assert np.array_equal(after, after.T)

@@ -13,6 +13,8 @@ __all__ = ["Posterior", "innovation_gain", "predict", "update"]
 
 # Directions of S below this fraction of its largest (scaled) eigenvalue carry no innovation.
 SINGULAR = 1e-14
+# P - K S K' loses as many digits as R is smaller than S: at most three, else the Joseph form is taken.
+BOOK = 1e-3
 
 
 class Posterior(NamedTuple):
@@ -60,16 +62,21 @@ def innovation_gain(C: Array, S: Array) -> Array:
     S : ndarray, (dim_z, dim_z)
         Covariance of the residual, symmetric positive semidefinite.
     """
+    return _gain(C, S)[0]
+
+
+def _gain(C: Array, S: Array) -> tuple[Array, Array | None]:
+    """K, and the Cholesky factor of S where S is regular."""
     factor, info = dpotrf(S, lower=1)
     # Every component's residual must keep a share of its variance that the others do not explain.
     if info == 0 and (len(S) == 1 or (factor.diagonal() ** 2 > SINGULAR * S.diagonal()).all()):
-        return np.asarray(dpotrs(factor, C.T, lower=1)[0].T)
+        return dpotrs(factor, C.T, lower=1)[0].T, factor
     scale = np.sqrt(np.maximum(np.diag(S), 0.0))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
     kept = values > SINGULAR * len(S) * max(values[-1], 0.0)
     whitener = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
-    return np.asarray((C @ whitener.T) @ whitener)
+    return (C @ whitener.T) @ whitener, None
 
 
 def update(x: Array, P: Array, z: Array, H: Array, R: Array, cross: Array | None = None) -> Posterior:
@@ -77,8 +84,9 @@ def update(x: Array, P: Array, z: Array, H: Array, R: Array, cross: Array | None
 
     K = (P H' + cross) S^-1,  S = H P H' + R + H cross + cross' H', and the Joseph form
     P+ = (I-KH) P (I-KH)' + K R K' - (I-KH) cross K' - K cross' (I-KH)', which stays positive semidefinite.
-    Without `cross` it is the textbook filter (Simon 2006, section 5.1); with it, equations (13) and (15) of
-    Uribe-Murcia et al. (2022), the last term of (13) corrected.
+    With `cross` these are equations (13) and (15) of Uribe-Murcia et al. (2022), the last term of (13)
+    corrected. Without it this is the textbook filter (Simon 2006, section 5.1), and P+ = P - K S K' unless
+    the measurement is so good that the difference would lose digits.
 
     Parameters
     ----------
@@ -100,7 +108,10 @@ def update(x: Array, P: Array, z: Array, H: Array, R: Array, cross: Array | None
     S = H.dot(C) + R
     if cross is not None:
         S = S + cross.T.dot(H.T)
-    K = innovation_gain(C, S)
+    K, factor = _gain(C, S)
+    if cross is None and factor is not None and (R.diagonal() - BOOK * S.diagonal()).min() > 0.0:
+        half = K.dot(factor)
+        return Posterior(x + K.dot(y), P - half.dot(half.T), K, y, S)
     return Posterior(x + K.dot(y), joseph(P, K, H, R, cross), K, y, S)
 
 
