@@ -21,8 +21,8 @@ PSD_SLACK = 1e-9
 
 def real(value: ArrayLike, name: str) -> Array:
     """A fresh float64 array; complex, text and ragged input are refused."""
-    if value.__class__ is np.ndarray and value.dtype == float:  # type: ignore[union-attr]
-        return value.copy()  # type: ignore[union-attr]
+    if value.__class__ is np.ndarray and value.dtype == float:
+        return value.copy()
     try:
         raw = np.asarray(value)
         if np.iscomplexobj(raw):

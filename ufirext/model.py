@@ -88,12 +88,12 @@ class Model:
     @property
     def dim_x(self) -> int:
         """Number of states."""
-        return self.F.shape[0]
+        return len(self.F)
 
     @property
     def dim_z(self) -> int:
         """Number of measured components."""
-        return self.H.shape[0]
+        return len(self.H)
 
     @property
     def dim_u(self) -> int:
@@ -175,7 +175,9 @@ def kinematic(order: int, dim: int, dt: float, *, q: float = 1.0, r: float = 1.0
         if not (math.isfinite(value) and value >= 0):
             raise UfirextError(f"{name} must be a finite number, not negative, got {value!r}")
     size = order + 1
-    axis = np.array([[dt ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(size)] for i in range(size)])
+    axis = np.array(
+        [[dt ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(size)] for i in range(size)]
+    )
     noise = np.array([[_integrated(order - i, order - j, dt) for j in range(size)] for i in range(size)])
     eye = np.eye(dim)
     H = np.kron(eye, np.eye(1, size))

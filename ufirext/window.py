@@ -49,7 +49,8 @@ class Row:
     @cached_property
     def white(self) -> Array:
         """The whitened H."""
-        return self.whitener.dot(self.H)
+        white: Array = self.whitener.dot(self.H)
+        return white
 
     @cached_property
     def information(self) -> float:

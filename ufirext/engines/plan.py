@@ -21,8 +21,8 @@ class Basis:
     """An orthonormal basis of the full window of `length` steps, for windows with holes and weights.
 
     With the whitened rows C = U S V' of the window, rows present with weights w_i give
-    x = back Lam^-1 sum_i w_i U_i' W z_i,  Lam = sum_i w_i U_i' U_i: close to the identity, so that normal equations
-    lose nothing where few rows are missing.
+    x = back Lam^-1 sum_i w_i U_i' W z_i,  Lam = sum_i w_i U_i' U_i: close to the identity, so that normal
+    equations lose nothing where few rows are missing.
     """
 
     def __init__(self, model: Model, length: int) -> None:

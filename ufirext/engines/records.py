@@ -1,7 +1,7 @@
-"""The reference engine: immutable records of steps and rows, and one plain solution over the window they form.
+"""The reference engine: immutable records of steps and rows, one plain solution over the window they form.
 
-Slow and readable; every faster engine is tested against it on random streams. Steps carry absolute numbers, so that
-changing engines never renumbers time.
+Slow and readable; every faster engine is tested against it on random streams. Steps carry absolute numbers,
+so that changing engines never renumbers time.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..gains import exact_covariance, least_squares
@@ -36,8 +37,8 @@ class Step:
 class Limits(NamedTuple):
     """How far a window goes.
 
-    `horizon` steps; `instants`, the number of distinct origins below which it reaches further back; `extends`, whether
-    it may; `by_arrival`, whether steps count from a row's arrival or from its origin.
+    `horizon` steps; `instants`, the number of distinct origins below which it reaches further back;
+    `extends`, whether it may; `by_arrival`, whether steps count from a row's arrival or from its origin.
     """
 
     horizon: int
@@ -102,9 +103,25 @@ class Records:
 
     def add(self, row: Row) -> None:
         """A row that arrived now."""
+        self._compress()
         self.rows.append(
             row if self.after is None or row.origin < self.now else replace(row, shift=self.after)
         )
+
+    def _compress(self) -> None:
+        """Many rows of one step become at most dim_x, by QR, so that memory stays bounded; the last one stays."""
+        rows = self.rows
+        first = len(rows)
+        while first and _plain(rows[first - 1], self.now):
+            first -= 1
+        step = rows[first:-1]
+        if not step or sum(len(row.z) for row in step) <= 4 * step[0].H.shape[1]:
+            return
+        n = step[0].H.shape[1]
+        stacked = [np.column_stack([row.white, row.whitener @ row.z]) for row in step]
+        triangle: Array = np.asarray(np.linalg.qr(np.concatenate(stacked), mode="r"))[:n]
+        merged = Row(self.now, self.now, triangle[:, :n], np.eye(len(triangle)), triangle[:, n])
+        self.rows[first:-1] = [merged]
 
     def negligible(self, row: Row) -> bool:
         """A row whose information is nothing beside the largest in reach counts as missing."""
@@ -206,7 +223,7 @@ class Records:
 def _newest_gain(stack: Stack, gain: Array) -> Array:
     """Columns of the gain that act on the row which arrived last (dim_x, its components)."""
     rows, starts = stack.rows, stack.window.starts
-    newest = max(range(len(rows)), key=lambda index: rows[index].arrival)
+    newest = max(range(len(rows)), key=lambda index: (rows[index].arrival, index))
     return gain[:, starts[newest] : starts[newest + 1]]
 
 
@@ -214,7 +231,11 @@ def _key(row: Row, limits: Limits) -> int:
     return row.arrival if limits.by_arrival else row.origin
 
 
-def measured(z: Array, H: Array, R: Array) -> tuple[Array, Array, Array, Array]:
+def _plain(row: Row, now: int) -> bool:
+    return row.arrival == row.origin == now and row.shift is None
+
+
+def measured(z: Array, H: Array, R: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """The components of z that are measured (not NaN, row of H not zero): z, H, R of them, and the mask."""
     mask = ~np.isnan(z) & H.any(axis=1)
     if mask.all():

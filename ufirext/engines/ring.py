@@ -1,8 +1,8 @@
 """The engine for constant models: measurements in a buffer, one slot a step, gains made beforehand.
 
-A window without holes is one product of a constant gain and a view of the buffer; one with holes, late or weighted
-rows is normal equations in an orthonormal basis of the full window. What a ring cannot say (other F or H, several
-rows of one step, missing components) is for the records.
+A window without holes is one product of a constant gain and a view of the buffer; one with holes, late or
+weighted rows is normal equations in an orthonormal basis of the full window. What a ring cannot say (other F
+or H, several rows of one step, missing components) is for the records.
 """
 
 from __future__ import annotations
@@ -68,6 +68,11 @@ class Ring(Slots):
         m = self.free.shape[1]
         window = self.flat[(self.end - self.limits.horizon) * m : self.end * m]
         return window.reshape(-1, 1) if form == 2 else window
+
+    def grown_estimate(self) -> Array | None:
+        """x of a plain window that may still grow, flat (dim_x,), None where it is not determined."""
+        gain, m = self.plan.gain(self.length), self.free.shape[1]
+        return None if gain is None else gain.dot(self.flat[(self.end - self.length) * m : self.end * m])
 
     def hot_estimate(self) -> Array | None:
         """x of a window with holes as flat (dim_x,), None where it takes more than normal equations."""

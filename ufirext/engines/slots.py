@@ -24,8 +24,8 @@ REBASE = 3
 class Slots:
     """Buffer of the last measurements, with the holes, delays and weights of its rows.
 
-    `free` holds w (z - H x_u), what gains are applied to. `raw` (z itself) is kept only once something is known about
-    the state or a row came late.
+    `free` holds w (z - H x_u), what gains are applied to. `raw` (z itself) is kept only once something is
+    known about the state or a row came late.
     """
 
     def __init__(self, plan: Plan, limits: Limits, now: int) -> None:

@@ -1,4 +1,4 @@
-"""What is known about the state: inputs and edits of x, as a trajectory x_u that rows are measured against."""
+"""What is known about the state: inputs and edits of x, as a trajectory x_u that rows are seen against."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from .._arrays import Array
 class Trajectory:
     """x_u now, at the rows of each step (`path`), and what each step added to it (`known`), slot by slot.
 
-    x = x_u + x_f: the slots hold z - H x_u, the window estimates x_f, and the estimate adds x_u back: exact for any
-    gain.
+    x = x_u + x_f: the slots hold z - H x_u, the window estimates x_f, and the estimate adds x_u back: exact
+    for any gain.
     """
 
     def __init__(self, slots: int, dim_x: int, now: int) -> None:

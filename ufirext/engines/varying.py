@@ -1,9 +1,7 @@
-"""The engine for whatever changes from step to step: windows by associative elements, at a cost free of their length.
+"""The engine for whatever changes from step to step, at a cost free of the window's length.
 
-A block has a boundary t and a frame f <= t. Rows after t are summed up in the frame of x_f (forward products only);
-rows up to t are kept as a table of suffixes, each in the frame of its oldest origin, built by backward recursion.
-A window is one suffix and the sum; nothing is ever subtracted. While a block serves, the next one's table is built
-row by row, so that no step is long.
+Suffixes are built by backward recursion and nothing is ever subtracted. While a block serves, the next one's
+table is built row by row, so that no step is long.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ import numpy as np
 from .._arrays import Array
 from .._lapack import cholesky_solver
 from ..window import Row
+from .blocks import Block, Suffix
 from .covariance import Covariance
 from .records import Limits, Records, Solution
 
@@ -24,35 +23,6 @@ WEAK_PIVOT = 1e-3
 GROWTH = 1e4
 # x_u starts anew after this many horizons.
 REBASE = 3
-
-
-class Suffix(NamedTuple):
-    """Information on x_a from the rows after a bound, up to the boundary: Lam, eta, and Phi(f, a)."""
-
-    Lam: Array
-    eta: Array
-    lead: Array
-
-
-class Block:
-    """A boundary t, the sums of what came after it, and the suffixes before it."""
-
-    def __init__(self, boundary: int, frame: int, dim_x: int) -> None:
-        self.boundary, self.frame = boundary, frame
-        self.Lam, self.eta = np.zeros((dim_x, dim_x)), np.zeros(dim_x)
-        self.products = [np.eye(dim_x)]  # Phi(frame + j, frame)
-        self.suffixes = [Suffix(self.Lam.copy(), self.eta.copy(), self.products[0])]
-        self.oldest = frame
-
-    def advance(self, F: Array) -> None:
-        """One more transition."""
-        self.products.append(F.dot(self.products[-1]))
-
-    def add(self, origin: int, H: Array, z: Array) -> None:
-        """A whitened row after the boundary."""
-        A = H.dot(self.products[origin - self.frame])
-        self.Lam += A.T.dot(A)
-        self.eta += z.dot(A)
 
 
 class Varying(Records):
@@ -87,7 +57,9 @@ class Varying(Records):
 
     def copy(self) -> Varying:
         """An independent copy; it builds its sums anew."""
-        fork = super().copy()
+        fork = object.__new__(Varying)
+        fork.__dict__.update(self.__dict__)
+        fork.steps, fork.rows = self.steps.copy(), self.rows.copy()
         fork.by_key = {key: rows.copy() for key, rows in self.by_key.items()}
         fork.active = fork.following = None
         return fork
@@ -173,6 +145,16 @@ class Varying(Records):
         if self.following is not None:
             self.following.add(row.origin, H, z)
 
+    def _compress(self) -> None:
+        """Many rows of one step become few; the sums hold them already."""
+        before = len(self.rows)
+        super()._compress()
+        if len(self.rows) < before:
+            here = [row for row in self.rows[-3:] if row.arrival == row.origin == self.now]
+            self.by_key[self.now] = here
+            if self.active is not None:
+                self.counts[self.now] = self.counts[self.now - 1] + len(here)
+
     def _white(self, row: Row) -> tuple[Array, Array]:
         """The row whitened, its measurement free of x_u."""
         z, moved = row.z, self.path.get(row.origin)
@@ -191,7 +173,7 @@ class Varying(Records):
         kept = bound - self.spread - limits.reach
         for table in (self.by_key, self.counts, self.path):
             for step in [step for step in table if step <= kept]:
-                del table[step]  # type: ignore[attr-defined]
+                del table[step]
         oldest = min((row.origin for row in self.rows), default=self.now)
         while self.first < min(oldest, bound):
             self.steps.popleft()

@@ -1,0 +1,1 @@
+"""The filters: filterpy's verbs around a window or a recursion."""

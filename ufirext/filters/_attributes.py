@@ -104,10 +104,10 @@ class Attributes:
 
     @alpha.setter
     def alpha(self, value: float) -> None:
-        if not np.isscalar(value) or not value >= 1 or not math.isfinite(value):  # type: ignore[operator]
+        if np.ndim(value) or not 1 <= value < math.inf:
             raise ValueError(f"alpha must be a finite number of at least 1, got {value!r}")
         self._state.settle()
-        self._state.fading = float(value) ** 2  # type: ignore[arg-type]
+        self._state.fading = float(value) ** 2
 
     # -- the last step ---------------------------------------------------------------------------------------
 

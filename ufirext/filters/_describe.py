@@ -33,10 +33,10 @@ _FIGURES = ("log_likelihood", "likelihood", "mahalanobis", "alpha")
 
 def describe(filter_: FilterSurface, extra: tuple[str, ...] = ()) -> str:
     """One name a line, arrays aligned below each other, as filterpy prints its filters."""
-    lines = [f"{type(filter_).__name__} object"]
-    for name in ("dim_x", "dim_z", "dim_u", *extra, *_NAMES, *_FIGURES):
-        lines.append(_line(name, _value(filter_, name)))
-    return "\n".join(lines)
+    names = ("dim_x", "dim_z", "dim_u", *extra, *_NAMES, *_FIGURES)
+    return "\n".join(
+        [f"{type(filter_).__name__} object", *(_line(name, _value(filter_, name)) for name in names)]
+    )
 
 
 def _value(filter_: FilterSurface, name: str) -> Any:

@@ -17,8 +17,8 @@ _ALONE = 3
 class Live:
     """A matrix with two faces: `value`, frozen, for the library; an editable array for the client.
 
-    The client's array (the one assigned, as filterpy keeps it, or a copy handed out) is compared with the frozen
-    value at the next verb, only while somebody else may still hold it.
+    The client's array (the one assigned, as filterpy keeps it, or a copy handed out) is compared with the
+    frozen value at the next verb, only while somebody else may still hold it.
     """
 
     __slots__ = ("_check", "_handed", "value")

@@ -6,8 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .._arrays import Array, covariance, finite, matrix, readonly, real, square
+from .._arrays import Array, covariance, finite, matrix, real, square
 from ..engines.covariance import Covariance
 from ..engines.records import measured
 from ..errors import ShapeError
@@ -15,7 +16,7 @@ from ._live import Live
 from ._update import Update
 
 # Masks of measurements with every component present.
-_ALL = {size: readonly(np.ones(size, dtype=bool)) for size in range(1, 65)}
+_ALL: dict[int, NDArray[np.bool_]] = {size: np.ones(size, dtype=np.bool_) for size in range(1, 65)}
 
 
 class FilterState:
@@ -179,13 +180,11 @@ class FilterState:
         there.
         """
         x, P = self.x, self.P
-        mask = _ALL.get(len(H)) if whole else None
         gain: Covariance | None = None
-        if z is None:
-            mask = np.zeros(len(H), dtype=bool)
-        elif mask is not None:
+        mask: NDArray[np.bool_] = _ALL[len(H)] if whole else np.zeros(len(H), dtype=np.bool_)
+        if whole and z is not None:
             gain = self._absorb(z, H, R, delay, cross)
-        else:
+        elif z is not None:
             z_in, H_in, R_in, mask = measured(z, H, R)
             if len(z_in):
                 gain = self._absorb(z_in, H_in, R_in, delay, cross)

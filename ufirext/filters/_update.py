@@ -20,7 +20,8 @@ LOG_SMALLEST = math.log(sys.float_info.min)
 class Update:
     """One update(): the measurement, the prior it met and the gain it got (arrays flat, z None if missing).
 
-    `mask` marks the measured components; `gain` gives K on them. `cross` is filterpy's M, used by update_correlated.
+    `mask` marks the measured components; `gain` gives K on them. `cross` is filterpy's M, used by
+    update_correlated.
     """
 
     z: Array | None
@@ -84,7 +85,7 @@ def innovation_gain(P: Array, H: Array, R: Array, cross: Array | None = None) ->
         S = S + H @ cross + cross.T @ H.T
         PHt = PHt + cross
     try:
-        return np.linalg.solve(S, PHt.T).T, S
+        return np.asarray(np.linalg.solve(S, PHt.T).T, dtype=float), S
     except np.linalg.LinAlgError:
         return PHt @ np.linalg.pinv(S), S
 

@@ -20,8 +20,9 @@ __all__ = ["UFIRFilter"]
 class UFIRFilter(FilterSurface):
     """Unbiased finite impulse response filter, a drop-in for ``filterpy.kalman.KalmanFilter``.
 
-    x^_n = K Z over the measurements of the last `horizon` steps, with the unbiased gain K = T C+ of least noise
-    power (least squares over the window). The estimate needs no Q, x0 or P0; R only weighs rows against each other.
+    x^_n = K Z over the measurements of the last `horizon` steps, with the unbiased gain K = T C+ of least
+    noise power (least squares over the window). The estimate needs no Q, x0 or P0; R only weighs rows against
+    each other.
 
     Parameters
     ----------
@@ -30,24 +31,25 @@ class UFIRFilter(FilterSurface):
     dim_u : int, optional
         Number of inputs, 0 for any.
     horizon : int, "auto" or "adaptive"
-        Length of the window in steps. "auto" chooses it from the model (F, H, Q, R), see `best_horizon`; "adaptive"
-        from the data as they come, and needs no Q.
+        Length of the window in steps. "auto" chooses it from the model (F, H, Q, R), see `best_horizon`;
+        "adaptive" from the data as they come, and needs no Q.
     missing : {"extend", "skip", "predict"}
-        What a step without a measurement does: leave it out and reach further back while the window holds too few
-        instants (default); leave it out; put the filter's own prediction in its place (as the papers do).
+        What a step without a measurement does: leave it out and reach further back while the window holds too
+        few instants (default); leave it out; put the filter's own prediction in its place (as the papers do).
     window : {"arrivals", "origins"}
         A window holds the rows that arrived, or the rows of states that lie, in the last `horizon` steps.
 
     Attributes
     ----------
-    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood, mahalanobis
+    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood,
+    mahalanobis
         As in filterpy. P is the exact error covariance of x under Q and R, computed when read.
 
     Notes
     -----
-    Until the rows determine the state the filter is the Kalman filter of x, P, Q, R; then `ready` is True and it is
-    least squares over the growing window. Shmaliy, "An iterative Kalman-like algorithm ignoring noise and initial
-    conditions", IEEE TSP 59(6), 2011, in batch form.
+    Until the rows determine the state the filter is the Kalman filter of x, P, Q, R; then `ready` is True and
+    it is least squares over the growing window. Shmaliy, "An iterative Kalman-like algorithm ignoring noise
+    and initial conditions", IEEE TSP 59(6), 2011, in batch form.
 
     Examples
     --------
@@ -121,6 +123,22 @@ class UFIRFilter(FilterSurface):
         F: ArrayLike | None = None,
         Q: ArrayLike | None = None,
     ) -> None:
+        """Advance one step: x <- F x + B u.
+
+        Parameters
+        ----------
+        u : scalar or array_like, (dim_u,) or (dim_u, 1), optional
+            Known input; ignored where there is no B. It is carried inside the window.
+        B, F, Q : array_like, optional
+            Replace the attribute for this call.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes or values that are not finite.
+        UnobservableWindow
+            At the first verb, for a horizon that can never determine the state while a longer one could.
+        """
         state = self._state
         if state.mode == POSTED and u is None and F is None and Q is None:
             x = state._x_handed
@@ -133,18 +151,30 @@ class UFIRFilter(FilterSurface):
     def update(
         self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
     ) -> None:
+        """Take a measurement.
+
+        Parameters
+        ----------
+        z : scalar or array_like, (dim_z,) or (dim_z, 1), or None
+            None: nothing came. NaN: this component did not come.
+        R, H : array_like, optional
+            Replace the attribute for this call; rows are weighted by their R, H may have any number of rows.
+        delay : int, optional
+            Age of the measurement in steps: z was taken `delay` steps ago and joins the window at its place.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, infinite values, an R that is no covariance, a delay that is no count.
+        """
         state = self._state
         if state.mode == PREDICTED and H is None and delay == 0:
             x = state._x_handed
-            if x is None or x.tobytes() == state._x_raw:
-                if R is not None:
-                    taken = state.take_weighted(z, R)
-                else:
-                    taken = (state.lazy and state.engine.store(z)) or state.take(z)
-                if taken:
-                    state._x_handed = None
-                    state.mode = POSTED
-                    return
+            untouched = x is None or x.tobytes() == state._x_raw
+            if untouched and (state.take(z) if R is None else state.take_weighted(z, R)):
+                state._x_handed = None
+                state.mode = POSTED
+                return
         super().update(z, R, H, delay=delay)
 
     # -- beyond filterpy -------------------------------------------------------------------------------------
