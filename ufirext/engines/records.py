@@ -109,7 +109,7 @@ class Records:
         )
 
     def _compress(self) -> None:
-        """Many rows of one step become at most dim_x, by QR, so that memory stays bounded; the last one stays."""
+        """Many rows of one step become at most dim_x, by QR: memory stays bounded. The last stays."""
         rows = self.rows
         first = len(rows)
         while first and _plain(rows[first - 1], self.now):

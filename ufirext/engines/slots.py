@@ -37,7 +37,7 @@ class Slots:
         m = plan.model.dim_z
         self.free = np.zeros((self.capacity, m))
         self._alias()
-        self.single, self.ones, self.flat_shape, self.column_shape = m == 1, np.ones(m), (m,), (m, 1)
+        self.single, self.pair, self.flat_shape, self.column_shape = m == 1, m == 2, (m,), (m, 1)
         self.variances: list[list[float]] = plan.model.R.tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
@@ -196,17 +196,12 @@ class Slots:
                 self.flat[i] = value
             else:
                 shape = z.shape
-                if z.dtype is not FLOAT:
+                if z.dtype is not FLOAT or (shape != self.flat_shape and shape != self.column_shape):
                     return False
-                if shape == self.flat_shape:
-                    self.free[i] = z
-                elif shape == self.column_shape:
-                    self.columns[i] = z
-                else:
-                    return False
-                total = self.ones.dot(z)
+                total = z.item(0) + z.item(1) if self.pair else z.sum().item()
                 if total - total != 0.0:
                     return False
+                (self.free if z.ndim == 1 else self.columns)[i] = z
         except (AttributeError, TypeError, ValueError):
             return False
         self.end = i + 1

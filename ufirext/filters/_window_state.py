@@ -72,7 +72,8 @@ class WindowState(FilterState):
         elif self.index is not None and self.horizon is not None and self.horizon < self.index:
             raise UnobservableWindow(
                 f"horizon must be at least {self.index} for this model (the shortest window that "
-                f"determines its {self.dim_x} states), got {self.horizon}; lengthen the horizon or measure another state",
+                f"determines its {self.dim_x} states), got {self.horizon}; "
+                "lengthen the horizon or measure another state",
                 shortest=self.index,
             )
         self.refreshed, self.stale = self.now, False
@@ -157,6 +158,9 @@ class WindowState(FilterState):
         if delay and self._too_old(delay):
             self.dropped += 1
             return None
+        if self.ready_at is not None and self.ready_at < self.now - 1:
+            # The window these lean on may be forgotten when the row comes in.
+            self.P.value, self.post[1].value  # noqa: B018
         counted, solution = self._add(engine, z, H, R, delay)
         if not counted:
             return None
