@@ -17,6 +17,7 @@ _HOME = {
     "CovarianceError": "errors",
     "DelayHInfinityFilter": "filters.hinfinity",
     "DelayKalmanFilter": "filters.kalman",
+    "FMSFilterSmoother": "filters.fms",
     "FMSGain": "fms",
     "Gain": "gains",
     "Guarantee": "diagnostics",
@@ -54,6 +55,7 @@ __all__ = [
     "CovarianceError",
     "DelayHInfinityFilter",
     "DelayKalmanFilter",
+    "FMSFilterSmoother",
     "FMSGain",
     "Gain",
     "Guarantee",
@@ -95,6 +97,7 @@ if TYPE_CHECKING:
         UfirextError,
         UnobservableWindow,
     )
+    from .filters.fms import FMSFilterSmoother
     from .filters.hinfinity import DelayHInfinityFilter
     from .filters.kalman import DelayKalmanFilter
     from .filters.ufir import UFIRFilter

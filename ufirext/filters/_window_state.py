@@ -160,7 +160,7 @@ class WindowState(FilterState):
             return None
         if self.ready_at is not None and self.ready_at < self.now - 1:
             # The window these lean on may be forgotten when the row comes in.
-            self.P.value, self.post[1].value  # noqa: B018
+            self.P.value, self.post[1].value
         counted, solution = self._add(engine, z, H, R, delay)
         if not counted:
             return None
