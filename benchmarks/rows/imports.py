@@ -8,12 +8,10 @@ from functools import partial
 
 from benchmarks.harness import EXCESS, Contest, Row, Run, wall_clock
 
-IMPORTS = 5
 
-
-def _fresh(statement: str) -> Run:
+def _fresh(statement: str, times: int) -> Run:
     def run() -> object:
-        for _ in range(IMPORTS):
+        for _ in range(times):
             subprocess.run([sys.executable, "-c", statement], check=True)
         return 0.0
 
@@ -21,7 +19,8 @@ def _fresh(statement: str) -> Run:
 
 
 def _contest(statement: str, steps: int) -> Contest:
-    return Contest(lambda: _fresh(statement), lambda: _fresh("import numpy"), IMPORTS)
+    times = max(1, steps // 4000)
+    return Contest(lambda: _fresh(statement, times), lambda: _fresh("import numpy", times), times)
 
 
 ROWS = [
