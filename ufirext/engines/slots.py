@@ -125,7 +125,7 @@ class Slots:
             return
         low = self.end - self.limits.horizon - self.overhang
         inputs.rebase(low, self.end, self.plan.model.F)
-        inputs.rebased = self.now
+        inputs.rebased, inputs.valid_from = self.now, self.base + low
         seen = inputs.path[low : self.end] @ self.plan.model.H.T
         self.free[low : self.end] = self.weights[low : self.end, None] * (raw[low : self.end] - seen)
 
@@ -168,7 +168,7 @@ class Slots:
         late = self.now - row.origin
         if weight is None or late + self.limits.horizon >= self.keep:
             return False
-        if self._taken(i):
+        if self._taken(i) or (self.inputs is not None and row.origin < self.inputs.valid_from):
             return False
         if late:
             self._keep_raw()  # rows will leave the weighted copy one by one, in the order they came

@@ -19,6 +19,7 @@ class Trajectory:
         self.known, self.path = np.zeros((slots, dim_x)), np.zeros((slots, dim_x))
         self.after: Array | None = None  # edits since the last row of this step
         self.rebased = now
+        self.valid_from = now - slots  # oldest step whose path belongs to the present x_u
 
     def advance(self, slot: int, F: Array, known: Array | None) -> None:
         """One transition, to the step of `slot`."""
