@@ -284,6 +284,10 @@ def test_known_inputs_and_edits_between_origin_and_arrival_leave_no_residual(met
             f.x += np.array([[1.0], [2.0]])
             f.update(past[-2][:1], delay=1)
             assert_allclose(f.y, 0.0, atol=1e-9)
+        if step % 4 == 3:
+            # The row of the step in which x was moved, made before that.
+            f.update(past[-2][:1], delay=1)
+            assert_allclose(f.y, 0.0, atol=1e-9)
         assert_allclose(f.x.ravel(), truth, atol=1e-9)
 
 

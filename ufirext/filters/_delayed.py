@@ -16,7 +16,7 @@ from ..recursions.delayed import (
     update_delayed,
 )
 from ..recursions.kalman import update
-from ._late import LateState, Left, left_behind, measured_part
+from ._late import LateState, Left, Mask, left_behind, measured_part
 
 
 class RecursiveState(LateState):
@@ -64,7 +64,7 @@ class RecursiveState(LateState):
         return state.x, state.P
 
     def _taken(
-        self, z: Array, H: Array, R: Array, mask: Array | None, delay: int, cross: Array | None
+        self, z: Array, H: Array, R: Array, mask: Mask | None, delay: int, cross: Array | None
     ) -> tuple[Left, Array, Array]:
         state = self._remembered()
         if delay == 0 and self.channel.stamped:
@@ -94,7 +94,7 @@ class RecursiveState(LateState):
         return row
 
 
-def _components(row: Effective, mask: Array | None) -> Effective:
+def _components(row: Effective, mask: Mask | None) -> Effective:
     """The measured components of a row."""
     if mask is None:
         return row

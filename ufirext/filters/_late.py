@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..channels import Channel
@@ -40,6 +41,7 @@ class LateUpdate(Update):
         return K
 
 
+Mask = NDArray[np.bool_]
 # What an update leaves behind: an Update, or its arguments, from which it is made when somebody asks.
 Left = Update | tuple[Any, ...]
 
@@ -134,7 +136,7 @@ class LateState(SteadyState):
         raise NotImplementedError
 
     def _taken(
-        self, z: Array, H: Array, R: Array, mask: Array | None, delay: int, cross: Array | None
+        self, z: Array, H: Array, R: Array, mask: Mask | None, delay: int, cross: Array | None
     ) -> tuple[Left, Array, Array]:
         """Take the measured components (`mask`, None: all): what is left behind, x and P of now."""
         raise NotImplementedError
@@ -144,7 +146,7 @@ class LateState(SteadyState):
 
 
 def measured_part(
-    mask: Array | None, z: Array, H: Array, R: Array, cross: Array | None
+    mask: Mask | None, z: Array, H: Array, R: Array, cross: Array | None
 ) -> tuple[Array, Array, Array, Array | None]:
     """The measured components of a measurement."""
     if mask is None:
@@ -156,7 +158,7 @@ def left_behind(
     z: Array,
     H: Array,
     R: Array,
-    mask: Array | None,
+    mask: Mask | None,
     x: Array,
     P: Covariance,
     K: Array,
@@ -164,7 +166,7 @@ def left_behind(
     offset: Array | None,
 ) -> Left:
     """What an update leaves behind, of which only a late one needs more than its arguments."""
-    mask = np.ones(len(H), dtype=bool) if mask is None else mask
+    taken: Any = np.ones(len(H), dtype=bool) if mask is None else mask
     if offset is None and H.shape[1] == len(K):
-        return (z, H, R, mask, x, P, Covariance.of(K), cross)
-    return LateUpdate(z, H, R, mask, x, P, Covariance.of(K), cross, offset)
+        return (z, H, R, taken, x, P, Covariance.of(K), cross)
+    return LateUpdate(z, H, R, taken, x, P, Covariance.of(K), cross, offset)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .._arrays import Array, symmetric
@@ -10,7 +12,7 @@ from ..channels.effective import at_block
 from ..engines.covariance import Covariance
 from ..recursions.augmented import Lifted, lift, predict_lifted
 from ..recursions.kalman import Posterior, update
-from ._late import LateState, Left, left_behind, measured_part
+from ._late import LateState, Left, Mask, left_behind, measured_part
 
 
 class LiftedState(LateState):
@@ -27,10 +29,10 @@ class LiftedState(LateState):
             self.own_P = self.P
         return self.tall
 
-    def _held(self) -> Array:
+    def _held(self) -> Any:
         return self.tall.P
 
-    def _resume(self, held: Array, steps: int) -> None:
+    def _resume(self, held: Any, steps: int) -> None:
         self.tall, self.own_P = Lifted(self.x, held), self.P
 
     def _repeats(self) -> bool:
@@ -51,7 +53,7 @@ class LiftedState(LateState):
         return self.tall.x[:n].copy(), self.tall.P[:n, :n].copy()
 
     def _taken(
-        self, z: Array, H: Array, R: Array, mask: Array | None, delay: int, cross: Array | None
+        self, z: Array, H: Array, R: Array, mask: Mask | None, delay: int, cross: Array | None
     ) -> tuple[Left, Array, Array]:
         n, state = self.dim_x, self._start()
         if len(state.x) == n:

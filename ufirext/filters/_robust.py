@@ -15,7 +15,7 @@ from ..errors import UfirextError
 from ..recursions.augmented import Lifted
 from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, tilted, weight_root
 from ..recursions.kalman import Posterior, update
-from ._late import Left
+from ._late import Left, Mask
 from ._lifted import LiftedState
 from ._live import Live
 from ._state import _Covariance
@@ -66,10 +66,10 @@ class RobustState(LiftedState):
             self._model_changed()
         self.watching |= self.weight.watched
 
-    def _held(self) -> tuple[Any, ...]:
+    def _held(self) -> Any:
         return self.tall.P, self.account, self.tilted, self.bare
 
-    def _resume(self, held: tuple[Any, ...], steps: int) -> None:
+    def _resume(self, held: Any, steps: int) -> None:
         P, account, self.tilted, self.bare = held
         if self.steady is not None and steps:
             step: Account = self.steady.after[1]
@@ -163,7 +163,7 @@ class RobustState(LiftedState):
         return state if self.bare is None else state._replace(P=self.bare)
 
     def _taken(
-        self, z: Array, H: Array, R: Array, mask: Array | None, delay: int, cross: Array | None
+        self, z: Array, H: Array, R: Array, mask: Mask | None, delay: int, cross: Array | None
     ) -> tuple[Left, Array, Array]:
         met = self._settled().P
         left, x, P = super()._taken(z, H, R, mask, delay, cross)
@@ -180,7 +180,7 @@ class RobustState(LiftedState):
         P = self._tilted(posterior.P)
         if self.robust_form == "mixed":
             # The other filter's gain; a second measurement of the step starts from the tilted P.
-            K = np.linalg.solve(R, H @ P).T
+            K = np.asarray(np.linalg.solve(R, H @ P).T, dtype=float)
             return posterior._replace(x=state.x + K @ posterior.y, P=P, K=K)
         self.bare = posterior.P
         return posterior._replace(P=P)
