@@ -323,6 +323,16 @@ def test_bad_options_are_refused(options, message):
         DelayHInfinityFilter(2, 1, **options)
 
 
+def test_a_sequence_may_be_an_array_and_its_last_theta_goes_on():
+    f = vehicle(theta=np.array([0.001, 0.002]))
+    used = []
+    for n in range(4):
+        f.predict()
+        f.update(float(n))
+        used.append(f.theta_used)
+    assert used == [0.001, 0.002, 0.002, 0.002]
+
+
 def test_a_function_that_returns_no_theta_is_refused():
     f = vehicle(theta=lambda step: -1.0)
     f.predict()

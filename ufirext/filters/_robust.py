@@ -10,10 +10,13 @@ import numpy as np
 
 from .._arrays import Array
 from ..channels import Channel
+from ..channels.effective import at_block
+from ..diagnostics import WorstCase, worst_case_gain
 from ..engines.covariance import Covariance
 from ..errors import UfirextError
-from ..recursions.augmented import Lifted
-from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, tilted, weight_root
+from ..model import Model
+from ..recursions.augmented import Lifted, augmented_model
+from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, robust_gain, tilted, weight_root
 from ..recursions.kalman import Posterior, update
 from ._late import Left, Mask
 from ._lifted import LiftedState
@@ -202,6 +205,22 @@ class RobustState(LiftedState):
     def total(self) -> Account:
         """All steps, the present one included once its theta was used."""
         return self.past_account if self.account is None else self.past_account + self.account
+
+    def worst_case(self, steps: int, delay: int) -> WorstCase:
+        """The worst disturbance of the coming steps, whose measurements all come `delay` steps late."""
+        start = self._closed(self._settled()).P
+        F, H, Q, R = self.F.value, self.H.value, self.Q.value, self.R.value
+        model, L = augmented_model(Model(F, H, Q, R), self.channel.max_delay), self.root()
+        H, P = at_block(H, delay, model.dim_x), start
+        gains, thetas = [], []
+        for step in range(self.now + 1, self.now + steps + 1):
+            P = model.F @ P @ model.F.T + model.Q
+            judged = P if self.robust_form == "prior" else robust_gain(P, H, R, L, 0.0).P
+            thetas.append(self.judged(judged, step).lowest)
+            K, P, *_ = robust_gain(P, H, R, L, thetas[-1], self.robust_form)
+            gains.append(K)
+        error: Form = "prior" if self.robust_form == "prior" else "posterior"
+        return worst_case_gain(gains, model.F, H, model.Q, R, start, S=L.T @ L, theta=thetas, form=error)
 
 
 def checked_theta(value: object, name: str = "theta") -> float:

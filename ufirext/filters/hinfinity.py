@@ -11,12 +11,9 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
 from ..channels import Channel
-from ..channels.effective import at_block
-from ..diagnostics import Guarantee, WorstCase, worst_case_gain
+from ..diagnostics import Guarantee, WorstCase
 from ..errors import UfirextError
-from ..model import Model
-from ..recursions.augmented import augmented_model
-from ..recursions.hinfinity import Form, robust_gain
+from ..recursions.hinfinity import Form
 from ._describe import describe
 from ._robust import RobustState, Theta, checked_theta
 from .kalman import LateFilter, checked_channel
@@ -234,23 +231,9 @@ class DelayHInfinityFilter(LateFilter):
         ------
         ThetaTooLarge
         """
-        steps = integer(steps, "steps", 1)
         state = copy.deepcopy(self._state)
         state.settle()
-        delay = self.channel.check_delay(delay)
-        start = state._closed(state._settled()).P
-        model = Model(state.F.value, state.H.value, state.Q.value, state.R.value)
-        big, L = augmented_model(model, self.max_delay), state.root()
-        H, P = at_block(model.H, delay, big.dim_x), start
-        gains, thetas = [], []
-        for step in range(state.now + 1, state.now + steps + 1):
-            P = big.F @ P @ big.F.T + big.Q
-            judged = P if state.robust_form == "prior" else robust_gain(P, H, model.R, L, 0.0).P
-            thetas.append(state.judged(judged, step).lowest)
-            K, P, *_ = robust_gain(P, H, model.R, L, thetas[-1], state.robust_form)
-            gains.append(K)
-        error: Form = "prior" if state.robust_form == "prior" else "posterior"
-        return worst_case_gain(gains, big.F, H, big.Q, model.R, start, S=L.T @ L, theta=thetas, form=error)
+        return state.worst_case(integer(steps, "steps", 1), self.channel.check_delay(delay))
 
     def __repr__(self) -> str:
         return describe(self, extra=("form", "theta", "theta_max", "max_delay", "guarantee"))
@@ -258,7 +241,7 @@ class DelayHInfinityFilter(LateFilter):
 
 def _checked_policy(theta: Theta) -> Theta:
     """A theta as asked for, its numbers checked."""
-    if callable(theta) or theta == "auto":
+    if callable(theta) or (isinstance(theta, str) and theta == "auto"):
         return theta
     if isinstance(theta, Sequence | np.ndarray) and not isinstance(theta, str):
         values = [checked_theta(value, f"theta[{i}]") for i, value in enumerate(theta)]
