@@ -16,8 +16,7 @@ from ..errors import CovarianceError, UnobservableWindow
 from ..minimum_variance import shortest_window
 from ..model import Model
 from ..window import Row
-from ._state import FilterState
-from ._ufir_state import POSTED, PREDICTED, SLOW
+from ._state import POSTED, PREDICTED, SLOW, FilterState
 from ._update import innovation_gain, joseph
 
 
@@ -202,6 +201,10 @@ class FMSState(FilterState):
             and ring.path is None
         ):
             self.mode, self.seen = POSTED, ring.now
+
+    def take_weighted(self, z: Any, R: Any) -> bool:
+        """update(z, R) always goes the slow path."""
+        return False
 
     def take(self, z: Any) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""

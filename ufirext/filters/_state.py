@@ -15,6 +15,8 @@ from ..errors import ShapeError
 from ._live import Live
 from ._update import Update
 
+# Where a filter stands: on the slow path, or on the hot one after an update() or a predict().
+SLOW, POSTED, PREDICTED = 0, 1, 2
 # Masks of measurements with every component present.
 _ALL: dict[int, NDArray[np.bool_]] = {size: np.ones(size, dtype=np.bool_) for size in range(1, 65)}
 

@@ -169,6 +169,27 @@ class FilterSurface(Attributes):
         if same_step and before is not None:
             state.show_earlier(before.z)
 
+    def predicted(self, steps: int) -> tuple[Array, Array]:
+        """The state `steps` ahead under the present F and Q without input, and its covariance.
+
+        Returns
+        -------
+        x : ndarray, in the form of `x`
+        P : ndarray, (dim_x, dim_x)
+        """
+        state = self._state
+        state.settle()
+        x, P = state.x, state.P
+        for _ in range(integer(steps, "steps", 0)):
+            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value)
+        return state.shaped(x), P.value.copy()
+
+    def _take_over(self, kf: Any) -> None:
+        """Model and state of a filterpy KalmanFilter, or of anything with its attributes, as copies."""
+        for name in ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha"):
+            setattr(self, name, copy.deepcopy(getattr(kf, name)))
+        self.inv = kf.inv
+
     # -- helpers ---------------------------------------------------------------------------------------------
 
     def get_prediction(

@@ -16,11 +16,10 @@ from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.ring import GROWING_GAINS, Ring
 from ..engines.varying import Varying
+from ._state import POSTED, PREDICTED, SLOW
 from ._window_state import MISSING, WINDOWS, WindowState, checked_horizon
 
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
-
-SLOW, POSTED, PREDICTED = 0, 1, 2
 
 
 class UFIRState(WindowState):

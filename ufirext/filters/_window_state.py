@@ -39,7 +39,8 @@ class WindowState(FilterState):
         self.stale = True
         self.engine: Ring | Records | None = None
         self.anchor: tuple[Array, ...] = ()  # F, H, Q, R the ring was made for
-        self.irregular = 0  # newest step at which something came that a ring cannot hold
+        self.looked_at: tuple[Array, Array] | None = None  # F and H whose observability `index` tells
+        self.irregular = -1  # newest step at which something came that a ring cannot hold
         self.solution: Solution | None = None
         self.ready_at: int | None = None  # step of the last update that left the filter ready
         self.dropped = 0
@@ -63,7 +64,7 @@ class WindowState(FilterState):
         if not (self.stale and due):
             return
         model = self._model()
-        self.index = observability_index(model)
+        self.index, self.looked_at = observability_index(model), (self.F.value, self.H.value)
         if self.policy == "auto":
             horizon = _from_model(model, self.index)
             if horizon != self.horizon:
@@ -102,9 +103,13 @@ class WindowState(FilterState):
             engine = self.engine = self._ring(self.now) if self._regular(F, Q) else self._general(F, Q)
         elif isinstance(engine, Varying) and engine.limits != self.limits:
             engine = self.engine = self._over(engine)
-        elif isinstance(engine, Records) and self.now - self.irregular > engine_reach(self.limits):
+        elif (
+            isinstance(engine, Records)
+            and self.index is not None
+            and self.now - self.irregular > engine_reach(self.limits)
+        ):
             self.irregular = self.now  # look again after another reach, whatever comes of it
-            if self._regular(F, Q):
+            if self._regular(F, Q) and observability_index(self._model()) is not None:
                 ring = self._ring(self.now)
                 if ring.adopt(engine):
                     engine = self.engine = ring
@@ -196,7 +201,14 @@ class WindowState(FilterState):
             self.irregular = self.now
         engine.add(row)
         engine.forget(self.limits)
-        return True, engine.solve(self.limits)
+        return True, None if self._hopeless(engine) else engine.solve(self.limits)
+
+    def _hopeless(self, engine: Records) -> bool:
+        """Whether all rows in reach are of a model that no horizon determines."""
+        if self.index is not None or self.looked_at is None:
+            return False
+        F, H = self.looked_at
+        return F is self.F.value and H is self.H.value and engine.rows[0].arrival > self.irregular
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""

@@ -5,18 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
 from ._describe import describe
 from ._fms_state import FMSState
-from ._surface import FilterSurface
-from ._ufir_state import POSTED, PREDICTED
+from ._hot import HotFilter
 
 __all__ = ["FMSFilterSmoother"]
 
 
-class FMSFilterSmoother(FilterSurface):
+class FMSFilterSmoother(HotFilter):
     """Minimum-variance unbiased filter and fixed-lag smoother over a finite window, with filterpy's verbs.
 
     The estimates of the newest state and of the one `lag` steps ago from the measurements of the last
@@ -90,52 +88,8 @@ class FMSFilterSmoother(FilterSurface):
         horizon, lag : int
         """
         new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, lag=lag)
-        for name in ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha"):
-            setattr(new, name, getattr(kf, name))
-        new.inv = kf.inv
+        new._take_over(kf)
         return new
-
-    # -- the two verbs, with their hot path -------------------------------------------------------------
-
-    @property
-    def x(self) -> Array:
-        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
-        x = self._state._x_handed
-        return self._state.hand_out_x() if x is None else x
-
-    @x.setter
-    def x(self, value: ArrayLike) -> None:
-        self._state.write_x(value)
-
-    def predict(
-        self,
-        u: ArrayLike | None = None,
-        B: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
-    ) -> None:
-        """Advance one step, x <- F x + B u, as in filterpy."""
-        state = self._state
-        if state.mode == POSTED and u is None and F is None and Q is None:
-            x = state._x_handed
-            if x is None or x.tobytes() == state._x_raw:
-                state._x_handed = None
-                state.mode = PREDICTED
-                return
-        super().predict(u, B, F, Q)
-
-    def update(
-        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
-    ) -> None:
-        """Take a measurement of `delay` steps ago; None or NaN: it, or a component of it, is missing."""
-        state = self._state
-        if state.mode == PREDICTED and R is None and H is None and delay == 0:
-            x = state._x_handed
-            if (x is None or x.tobytes() == state._x_raw) and state.take(z):
-                state._x_handed = None
-                state.mode = POSTED
-                return
-        super().update(z, R, H, delay=delay)
 
     # -- the lagged state -------------------------------------------------------------------------------
 
@@ -180,21 +134,6 @@ class FMSFilterSmoother(FilterSurface):
         self._state.settle()
         found = self._state.lagged(lag)
         return self._state.shaped(found.x), found.P.copy()
-
-    def predicted(self, steps: int) -> tuple[Array, Array]:
-        """The state `steps` ahead under the present F and Q without input, and its covariance.
-
-        Returns
-        -------
-        x : ndarray, in the form of `x`
-        P : ndarray, (dim_x, dim_x)
-        """
-        state = self._state
-        state.settle()
-        x, P = state.x, state.P
-        for _ in range(integer(steps, "steps", 0)):
-            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value)
-        return state.shaped(x), P.value.copy()
 
     # -- the window -------------------------------------------------------------------------------------
 

@@ -5,19 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
 from ..errors import UfirextError
 from ._bank import new_state, with_policy
 from ._describe import describe
-from ._surface import FilterSurface
-from ._ufir_state import MISSING, POSTED, PREDICTED, WINDOWS, UFIRState, checked_horizon
+from ._hot import HotFilter
+from ._ufir_state import MISSING, WINDOWS, UFIRState, checked_horizon
 
 __all__ = ["UFIRFilter"]
 
 
-class UFIRFilter(FilterSurface):
+class UFIRFilter(HotFilter):
     """Unbiased finite impulse response filter, a drop-in for ``filterpy.kalman.KalmanFilter``.
 
     x^_n = K Z over the measurements of the last `horizon` steps, with the unbiased gain K = T C+ of least
@@ -99,83 +98,8 @@ class UFIRFilter(FilterSurface):
             Further keywords of UFIRFilter.
         """
         new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, **options)
-        for name in ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha"):
-            setattr(new, name, getattr(kf, name))
-        new.inv = kf.inv
+        new._take_over(kf)
         return new
-
-    # -- the two verbs, with their hot path ------------------------------------------------------------------
-
-    @property
-    def x(self) -> Array:
-        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
-        x = self._state._x_handed
-        return self._state.hand_out_x() if x is None else x
-
-    @x.setter
-    def x(self, value: ArrayLike) -> None:
-        self._state.write_x(value)
-
-    def predict(
-        self,
-        u: ArrayLike | None = None,
-        B: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
-    ) -> None:
-        """Advance one step: x <- F x + B u.
-
-        Parameters
-        ----------
-        u : scalar or array_like, (dim_u,) or (dim_u, 1), optional
-            Known input; ignored where there is no B. It is carried inside the window.
-        B, F, Q : array_like, optional
-            Replace the attribute for this call.
-
-        Raises
-        ------
-        ValueError
-            For wrong shapes or values that are not finite.
-        UnobservableWindow
-            At the first verb, for a horizon that can never determine the state while a longer one could.
-        """
-        state = self._state
-        if state.mode == POSTED and u is None and F is None and Q is None:
-            x = state._x_handed
-            if x is None or x.tobytes() == state._x_raw:
-                state._x_handed = None
-                state.mode = PREDICTED
-                return
-        super().predict(u, B, F, Q)
-
-    def update(
-        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
-    ) -> None:
-        """Take a measurement.
-
-        Parameters
-        ----------
-        z : scalar or array_like, (dim_z,) or (dim_z, 1), or None
-            None: nothing came. NaN: this component did not come.
-        R, H : array_like, optional
-            Replace the attribute for this call; rows are weighted by their R, H may have any number of rows.
-        delay : int, optional
-            Age of the measurement in steps: z was taken `delay` steps ago and joins the window at its place.
-
-        Raises
-        ------
-        ValueError
-            For wrong shapes, infinite values, an R that is no covariance, a delay that is no count.
-        """
-        state = self._state
-        if state.mode == PREDICTED and H is None and delay == 0:
-            x = state._x_handed
-            untouched = x is None or x.tobytes() == state._x_raw
-            if untouched and (state.take(z) if R is None else state.take_weighted(z, R)):
-                state._x_handed = None
-                state.mode = POSTED
-                return
-        super().update(z, R, H, delay=delay)
 
     # -- beyond filterpy -------------------------------------------------------------------------------------
 
@@ -238,21 +162,6 @@ class UFIRFilter(FilterSurface):
         self._state.settle()
         x, P = self._state.lagged(lag)
         return self._state.shaped(x), P.value.copy()
-
-    def predicted(self, steps: int) -> tuple[Array, Array]:
-        """The state `steps` ahead under the present F and Q without input, and its covariance.
-
-        Returns
-        -------
-        x : ndarray, in the form of `x`
-        P : ndarray, (dim_x, dim_x)
-        """
-        state = self._state
-        state.settle()
-        x, P = state.x, state.P
-        for _ in range(integer(steps, "steps", 0)):
-            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value)
-        return state.shaped(x), P.value.copy()
 
     def __repr__(self) -> str:
         return describe(self, extra=("horizon", "ready", "rows"))

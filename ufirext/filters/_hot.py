@@ -1,0 +1,104 @@
+"""The two verbs with a hot path: filters whose state object can put work off until somebody looks."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from .._arrays import Array
+from ._state import POSTED, PREDICTED
+from ._surface import FilterSurface
+
+
+class HotState(Protocol):
+    """What the hot path asks of a state object, besides what every state object does."""
+
+    mode: int
+    _x_handed: Array | None
+    _x_raw: bytes
+
+    def take(self, z: Any) -> bool:
+        """update(z): False, with nothing done, where the slow path is needed."""
+
+    def take_weighted(self, z: Any, R: Any) -> bool:
+        """update(z, R): likewise."""
+
+
+class HotFilter(FilterSurface):
+    """filterpy's face with predict() and update() that cost next to nothing while nothing unusual happens.
+
+    The state object's `mode` says whether the hot path holds; x handed out earlier is compared with what it
+    was, so that edits made in place are honoured here too.
+    """
+
+    @property
+    def x(self) -> Array:
+        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
+        x = self._state._x_handed
+        return self._state.hand_out_x() if x is None else x
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._state.write_x(value)
+
+    def predict(
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+    ) -> None:
+        """Advance one step: x <- F x + B u.
+
+        Parameters
+        ----------
+        u : scalar or array_like, (dim_u,) or (dim_u, 1), optional
+            Known input; ignored where there is no B. It is carried inside the window.
+        B, F, Q : array_like, optional
+            Replace the attribute for this call.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes or values that are not finite.
+        UnobservableWindow
+            At the first verb, for a horizon that can never determine the state while a longer one could.
+        """
+        state: HotState = self._state  # type: ignore[assignment]
+        if state.mode == POSTED and u is None and F is None and Q is None:
+            x = state._x_handed
+            if x is None or x.tobytes() == state._x_raw:
+                state._x_handed = None
+                state.mode = PREDICTED
+                return
+        super().predict(u, B, F, Q)
+
+    def update(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
+    ) -> None:
+        """Take a measurement.
+
+        Parameters
+        ----------
+        z : scalar or array_like, (dim_z,) or (dim_z, 1), or None
+            None: nothing came. NaN: this component did not come.
+        R, H : array_like, optional
+            Replace the attribute for this call; rows are weighted by their R, H may have any number of rows.
+        delay : int, optional
+            Age of the measurement in steps: z was taken `delay` steps ago and joins the window at its place.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, infinite values, an R that is no covariance, a delay that is no count.
+        """
+        state: HotState = self._state  # type: ignore[assignment]
+        if state.mode == PREDICTED and H is None and delay == 0:
+            x = state._x_handed
+            untouched = x is None or x.tobytes() == state._x_raw
+            if untouched and (state.take(z) if R is None else state.take_weighted(z, R)):
+                state._x_handed = None
+                state.mode = POSTED
+                return
+        super().update(z, R, H, delay=delay)
