@@ -14,6 +14,8 @@ from filterpy.kalman import IMMEstimator, MMAEFilterBank
 from scipy.linalg import block_diag
 from scipy.spatial.distance import mahalanobis
 
+from ufirext import UFIRFilter
+
 
 def constant_velocity(make, *, x, P=1.0, R=1.0, Q=0.0001, dt=1.0):
     f = make(2, 1)
@@ -199,7 +201,11 @@ def test_imm_of_the_docstring(make, rng):
 
 
 def test_mmae(make, rng):
-    """In one model the acceleration is struck out: F is singular, and Q no longer positive semidefinite."""
+    """In one model the acceleration is struck out: F is singular.
+
+    filterpy's test zeroes Q[2, 2] alone, which leaves Q indefinite: that is refused here (next test), so the whole
+    row and column go.
+    """
     dt = 0.1
     filters = []
     for keeps in (False, True):
@@ -213,7 +219,7 @@ def test_mmae(make, rng):
         if not keeps:
             f.F[:, 2] = 0
             f.P[2, 2] = 0
-            f.Q[2, 2] = 0
+            f.Q[2, :] = f.Q[:, 2] = 0
         filters.append(f)
     bank = MMAEFilterBank(filters, (0.5, 0.5), dim_x=3)
     for i in range(120):
@@ -222,6 +228,14 @@ def test_mmae(make, rng):
         assert np.isfinite(bank.x).all()
         assert np.sum(bank.p) == pytest.approx(1.0)
     assert abs(bank.x[0] - 0.3 * 119) < 2.0
+
+
+def test_an_indefinite_Q_is_refused_at_the_next_verb():
+    f = UFIRFilter(3, 1)
+    f.Q = Q_discrete_white_noise(dim=3, dt=0.1, var=0.02)
+    f.Q[2, 2] = 0.0
+    with pytest.raises(ValueError, match="Q must be positive semidefinite"):
+        f.predict()
 
 
 def test_two_sensors_are_better_than_one(make, rng):
