@@ -126,6 +126,40 @@ def test_a_client_sees_the_slow_hinfinity_filter_whatever_it_does(options):
     assert (*told.theta, told.theta_max) == pytest.approx((*expected.theta, expected.theta_max), rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["F", "H", "Q", "R"])
+def test_an_array_the_client_holds_may_be_edited_at_any_time(name):
+    rng = np.random.default_rng(7)
+    kf, f = tracker(KalmanFilter), tracker(DelayKalmanFilter)
+    held = [np.array(getattr(kf, name)) for _ in range(2)]
+    kf.__setattr__(name, held[0])
+    f.__setattr__(name, held[1])
+    for step in range(400):
+        if step == 300:
+            assert f._state.mode != SLOW
+            for array in held:
+                array *= 1.5
+        z = rng.normal(size=(1, 1))
+        for filter_ in (kf, f):
+            filter_.predict()
+            filter_.update(z)
+        assert_allclose(f.x, kf.x, rtol=1e-9, atol=1e-9)
+    assert_allclose(f.P, kf.P, rtol=1e-9)
+
+
+def test_fading_memory_may_begin_at_any_time():
+    rng = np.random.default_rng(8)
+    kf, f = tracker(KalmanFilter), tracker(DelayKalmanFilter)
+    for step in range(400):
+        if step == 300:
+            assert f._state.mode != SLOW
+            kf.alpha = f.alpha = 1.05
+        z = rng.normal(size=(1, 1))
+        for filter_ in (kf, f):
+            filter_.predict()
+            filter_.update(z)
+        assert_allclose(f.x, kf.x, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("form", ["posterior", "prior"])
 def test_the_guarantee_counts_the_hot_steps(form):
     f = tracker(DelayHInfinityFilter, theta=0.001, form=form)

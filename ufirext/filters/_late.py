@@ -61,9 +61,7 @@ class LateState(SteadyState):
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""
-        regular = F is self.F.value and Q is self.Q.value and known is None and self.P is self.own_P
         x, P = self._ahead(F, Q, known)
-        regular = regular and self.edited is None
         self.edited = None
         self._present(x, P)
         self.now += 1
@@ -71,7 +69,7 @@ class LateState(SteadyState):
         self.prior = (self.x, self.P)
         if self.seen:
             self.seen = tuple(origin for origin in self.seen if origin >= self.now - self.channel.max_delay)
-        self._predicted(regular)
+        self._predicted(F, Q)
 
     def update(
         self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False

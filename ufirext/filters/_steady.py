@@ -129,12 +129,11 @@ class SteadyState(FilterState):
         self.hot = 0
         return self
 
-    def settle(self) -> None:
-        """Honour what was edited in place; from here on every verb does all its work again."""
+    def leave(self) -> None:
+        """From here on every verb does all its work again."""
         if self.mode:
             self.look()
             self.mode = SLOW
-        super().settle()
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
@@ -156,9 +155,10 @@ class SteadyState(FilterState):
 
     # -- entering -------------------------------------------------------------------------
 
-    def _predicted(self, regular: bool) -> None:
-        """A predict() that did all its work has ended; `regular`: by the filter's own F and Q alone."""
-        self.regular = regular and self.fading == 1.0 and self._repeats()
+    def _predicted(self, F: Array, Q: Array) -> None:
+        """A predict() by F and Q that did all its work has ended; note whether its like may follow."""
+        own = F is self.F.value and Q is self.Q.value
+        self.regular = own and self.fading == 1.0 and self._repeats()
         if self.regular:
             self.before = self._held()
 
