@@ -203,8 +203,8 @@ def test_imm_of_the_docstring(make, rng):
 def test_mmae(make, rng):
     """In one model the acceleration is struck out: F is singular.
 
-    filterpy's test zeroes Q[2, 2] alone, which leaves Q indefinite: that is refused here (next test), so the whole
-    row and column go.
+    filterpy's test zeroes Q[2, 2] alone, which leaves Q indefinite: that is refused here (next test), so
+    the whole row and column go.
     """
     dt = 0.1
     filters = []

@@ -257,3 +257,14 @@ def test_an_edit_is_a_known_input_and_stays_exact_for_ever(ufir, column):
     states = trajectory(f.F, x, 50)
     run(f, states[:, 0])
     np.testing.assert_allclose(f.x, vector(states[-1], column), rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.contract(6)
+def test_a_covariance_may_be_edited_entry_by_entry_between_verbs(make):
+    f = make(2, 1)
+    f.Q[0, 1] = 0.5  # for a moment Q is not symmetric, and other attributes are read and written
+    f.P *= 2.0
+    f.x = np.zeros(2)
+    f.Q[1, 0] = 0.5
+    f.predict()
+    assert f.P[0, 1] == f.P[1, 0] == 0.5

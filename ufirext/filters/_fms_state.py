@@ -252,15 +252,14 @@ class FMSState(FilterState):
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
         return self
 
-    def settle(self) -> None:
-        """Leave the hot path, and honour everything that was edited in place since the last verb."""
+    def leave(self) -> None:
+        """Leave the hot path."""
         if self.mode:
             self.look()
             if self.mode == PREDICTED:
                 self.now += 1
                 self.updated = False
             self.mode = SLOW
-        super().settle()
 
     # -- what the window says ---------------------------------------------------------------------------
 

@@ -78,7 +78,7 @@ class FilterState:
 
     def hand_out(self, name: str) -> Array:
         """A model matrix, editable; edits count from the next verb on."""
-        self.settle()
+        self.leave()
         self.watching = True
         live: Live = getattr(self, name)
         return live.hand_out()
@@ -86,14 +86,14 @@ class FilterState:
     def hand_out_P(self) -> Array:
         """The covariance, editable; edits count from the next verb on."""
         if self._P_handed is None:
-            self.settle()
+            self.leave()
             self._P_handed = self.P.value.copy()
             self._P_raw = self._P_handed.tobytes()
         return self._P_handed
 
     def write_x(self, value: Any) -> None:
         """x assigned from outside; its form becomes the client's form."""
-        self.settle()
+        self.leave()
         array = real(value, "x")
         n = self.dim_x
         if array.ndim == 0 and n == 1:
@@ -106,13 +106,13 @@ class FilterState:
 
     def write_P(self, value: Any) -> None:
         """P assigned from outside."""
-        self.settle()
+        self.leave()
         self._P_handed = None
         self.P = Covariance.of(covariance(value, self.dim_x, "P", "(dim_x, dim_x)"))
 
     def assign(self, name: str, value: Any) -> None:
         """A model matrix assigned from outside."""
-        self.settle()
+        self.leave()
         live: Live = getattr(self, name)
         if live.assign(value):
             self._model_changed()
@@ -120,7 +120,7 @@ class FilterState:
 
     def assign_B(self, value: Any, dim_u: int) -> None:
         """The input matrix assigned from outside, None for no input."""
-        self.settle()
+        self.leave()
         self.B = None
         if value is not None:
             check = _Inputs(self.dim_x, dim_u)
@@ -132,8 +132,12 @@ class FilterState:
         """The state with every field worked out."""
         return self
 
+    def leave(self) -> None:
+        """Leave the hot path, if there is one; edits in place may be half done and are not looked at."""
+
     def settle(self) -> None:
-        """Honour everything that was edited in place since the last verb."""
+        """Leave the hot path, and honour everything that was edited in place since the last verb."""
+        self.leave()
         if self.watching:
             self._settle_matrices()
         handed = self._P_handed

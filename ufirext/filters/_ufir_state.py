@@ -190,8 +190,8 @@ class UFIRState(WindowState):
             x, P = self.F.value @ x, P.predicted(self.F.value, self.Q.value, self.fading)
         return x, P
 
-    def settle(self) -> None:
-        """Leave the hot path, and honour everything that was edited in place since the last verb."""
+    def leave(self) -> None:
+        """Leave the hot path."""
         if self.mode:
             self.look()
             if self.mode == PREDICTED:
@@ -199,7 +199,6 @@ class UFIRState(WindowState):
                 self.now += 1
                 self.updated = False
             self.mode = SLOW
-        super().settle()
 
     def _detach(self) -> None:
         """Work out the covariances that still lean on an engine which is about to have a life of its own."""
