@@ -12,7 +12,7 @@ from filterpy.kalman import KalmanFilter
 from numpy.testing import assert_allclose
 
 from tests.theory.delays import F1, H1, Q1, R1
-from ufirext.filters._steady import SLOW
+from ufirext.filters._steady import INTERVAL, SLOW
 from ufirext.filters.hinfinity import DelayHInfinityFilter
 from ufirext.filters.kalman import DelayKalmanFilter
 
@@ -195,3 +195,15 @@ def test_the_hot_path_refuses_what_the_slow_one_refuses(z):
         f.update(z)
     f.update([1.0])
     assert np.isfinite(f.x).all()
+
+
+@pytest.mark.parametrize("argument", ["F", "Q"])
+@pytest.mark.parametrize("switch", range(120, 120 + INTERVAL))
+def test_steps_by_other_matrices_do_not_make_the_filters_own_stand_still(argument, switch):
+    kf, f = tracker(KalmanFilter), tracker(DelayKalmanFilter)
+    other = {"F": np.array([[1.0, 0.5], [0.0, 1.0]]), "Q": 3.0 * Q1}[argument]
+    for step in range(switch + 5):
+        for filter_ in (kf, f):
+            filter_.predict(**({argument: other} if step < switch else {}))
+            filter_.update(float(step % 3))
+        assert_allclose(f.x, kf.x, rtol=1e-9, atol=1e-9)

@@ -57,7 +57,7 @@ class SteadyState(FilterState):
 
     def hot_predict(self) -> bool:
         """Predict by moving `mode` alone; False if that is not possible."""
-        if not self._unedited() or self.fading != 1.0:
+        if not self._unedited():
             return False
         if self.watching:
             self._settle_matrices()
