@@ -139,7 +139,7 @@ def _masked(C: Array, aim: Array, W: Array, Z: Array, there: Array) -> Array:
     directions = aim @ vectors
     unseen = np.sqrt((np.where(visible[:, None, :], 0.0, directions) ** 2).sum(axis=2))
     size = np.sqrt((aim**2).sum(axis=1))
-    projected = ((white * there) @ C)[:, None, :] @ vectors
+    projected = (white @ C)[:, None, :] @ vectors
     foretold = (directions * inverse[:, None, :] * projected).sum(axis=2)
     foretold[(unseen > np.sqrt(INFORMATION_TOLERANCE) * size).any(axis=1)] = np.nan
     return np.asarray(foretold)

@@ -202,7 +202,30 @@ def _reaches(window: Window) -> bool:
     seen = window.spectrum[2][: window.rank]
     unseen = T - (T @ seen.T) @ seen
     size = np.sqrt((T**2).sum(axis=1))
-    return bool((np.sqrt((unseen**2).sum(axis=1)) <= REACH_TOLERANCE * size).all())
+    if (np.sqrt((unseen**2).sum(axis=1)) > REACH_TOLERANCE * size).any():
+        return False
+    basis = np.linalg.qr(seen.T, mode="complete")[0][:, window.rank :]
+    return _dies(basis / window.scale[:, None], window.F[: window.aim])
+
+
+def _dies(unseen: Array, transitions: Sequence[Array]) -> bool:
+    """Whether the transitions annihilate every direction (columns), each in one step, as a singular F does.
+
+    A direction that decays, or that others outgrow, becomes small beside T as well, yet it stays unknown.
+    """
+    if all(F is transitions[0] for F in transitions):
+        transitions = transitions[
+            : len(unseen)
+        ]  # what a constant F ever annihilates, it does within dim_x steps
+    for F in transitions:
+        moved = F @ unseen
+        size = (np.abs(F) @ np.abs(unseen)).max(axis=1)
+        _, s, Vt = np.linalg.svd(moved / np.where(size > 0.0, size, 1.0)[:, None], full_matrices=False)
+        alive = moved @ Vt[s > REACH_TOLERANCE].T
+        if not alive.size:
+            return True
+        unseen = alive / np.abs(alive).max(axis=0)
+    return False
 
 
 def model_window(model: Model, horizon: int, lag: int = 0) -> Window:

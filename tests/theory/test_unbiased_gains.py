@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs
 
 from tests.oracles import Constant, Record, least_squares
-from tests.strategies import lags, models, random_model, unobservable_models
+from tests.strategies import lags, models, unobservable_models
 from ufirext import Model, UnobservableWindow, kinematic, ufir_gain
 from ufirext._constant import constant_covariance, constant_gain
 from ufirext.gains import exact_covariance, observability_index
@@ -237,7 +237,3 @@ def test_a_state_that_dies_need_not_be_seen():
     later = model.F @ x
     Z = np.array([x[0], later[0]])
     np.testing.assert_allclose(ufir_gain(model, 2).K @ Z, later, atol=1e-14)
-
-
-def test_the_seeds_of_the_random_models_are_reproducible():
-    assert random_model(7, 3, 2, "stable") == random_model(7, 3, 2, "stable")

@@ -100,6 +100,22 @@ def test_an_unseen_mode_that_is_outgrown_stays_unknown():
     assert observability_index(model) is None
     with pytest.raises(UnobservableWindow, match="no horizon determines it"):
         ufir_gain(model, 190)
+    assert not model_window(model, 190).determined()
+
+
+def test_an_unseen_mode_that_decays_stays_unknown():
+    model = Model([[1.0, 0.0], [0.4, 0.7]], [[1.0, 0.0]])
+    assert observability_index(model) is None
+    assert not model_window(model, 190).determined()
+
+
+def test_changing_transitions_may_forget_one_direction_after_the_other():
+    """x_2 is annihilated by the first transition, x_3 by the second: only then is the newest state known."""
+    first, second = np.diag([1.0, 0.0, 1.0]), np.diag([1.0, 1.0, 0.0])
+    H, R = np.array([[1.0, 0.0, 0.0]]), np.eye(1)
+    for transitions, known in (([first, first], False), ([first, second], True), ([second, first], True)):
+        window = Window(transitions, [np.zeros((3, 3))] * 2, [H] * 3, [R] * 3, [0, 1, 2], aim=2)
+        assert window.determined() is known
 
 
 def test_rows_are_weighted_by_their_noise():
