@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-__all__ = ["CovarianceError", "HorizonError", "NonFiniteError", "ShapeError", "UfirextError", "UnobservableWindow"]
+__all__ = [
+    "CovarianceError",
+    "HorizonError",
+    "NonFiniteError",
+    "ShapeError",
+    "UfirextError",
+    "UnobservableWindow",
+]
 
 
 class UfirextError(ValueError):
