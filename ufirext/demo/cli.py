@@ -25,7 +25,9 @@ def demo(
     file: Annotated[
         Path | None, typer.Argument(help="A recorded track, CSV or GPX, in place of the simulated drive.")
     ] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Monte-Carlo runs.")] = 20,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Monte-Carlo runs: 20, on long or irregular tracks fewer.")
+    ] = None,
     noise: Annotated[float, typer.Option(min=0.01, help="Standard deviation of the added noise, m.")] = 3.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of every random number.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder of the report.")] = Path("ufirext-demo"),
@@ -39,6 +41,7 @@ def demo(
     except UfirextError as error:
         Console(stderr=True).print(f"[red]error:[/] {error}", highlight=False)
         raise typer.Exit(1) from error
+    runs = runs or scene.runs
     scores = _scores(scene, rng, runs, console)
     figure = picture(exhibit(scene.trial(rng), rng), scores, scene.title)
     notes = [*scene.notes, *_reading()]

@@ -31,11 +31,14 @@ class Scene:
         What a reader of the table ought to know.
     trial : callable
         Draws one Trial from a generator.
+    runs : int
+        How many trials a minute or two allows.
     """
 
     title: str
     notes: list[str]
     trial: Callable[[np.random.Generator], Trial]
+    runs: int = 20
 
 
 def city(rng: np.random.Generator, noise: float) -> Scene:
@@ -99,7 +102,13 @@ def recorded(path: Path, rng: np.random.Generator, noise: float) -> Scene:
             return _noisy(rng, drive, noise, q)
 
     q = _best_q(trial, rng)
-    return Scene(path.name, [*notes, _about_q(q, noise)], lambda rng: trial(rng, q))
+    return Scene(path.name, [*notes, _about_q(q, noise)], lambda rng: trial(rng, q), _affordable(seconds))
+
+
+def _affordable(seconds: Array) -> int:
+    """As many runs as cost what 20 city drives do; a model that changes at every step costs about 5 times more."""
+    irregular = len(np.unique(np.diff(seconds).round(6))) > 1
+    return int(np.clip(17_000 // (len(seconds) * (5 if irregular else 1)), 3, 20))
 
 
 def _noisy(rng: np.random.Generator, drive: Drive, noise: float, q: float) -> Trial:

@@ -180,6 +180,15 @@ def test_a_long_file_is_cut(tmp_path: Path) -> None:
     assert len(scene.trial(rng).drive) == LONGEST
 
 
+def test_long_and_irregular_files_get_fewer_runs(tmp_path: Path) -> None:
+    regular, jittered = np.arange(600.0), np.arange(600.0) + 0.1 * (np.arange(600) % 2)
+    scenes = [
+        recorded(write(tmp_path / "track.csv", seconds), np.random.default_rng(0), noise=1.0)
+        for seconds in (regular[:300], regular, jittered)
+    ]
+    assert [scene.runs for scene in scenes] == [20, 20, 5]
+
+
 def test_too_short_a_file_is_an_error_with_its_length(tmp_path: Path) -> None:
     with pytest.raises(UfirextError, match="has 60 rows; the demo needs 100"):
         recorded(write(tmp_path / "track.csv", np.arange(60.0)), np.random.default_rng(0), noise=1.0)
