@@ -106,7 +106,7 @@ def recorded(path: Path, rng: np.random.Generator, noise: float) -> Scene:
 
 
 def _affordable(seconds: Array) -> int:
-    """As many runs as cost what 20 city drives do; a model that changes at every step costs about 5 times more."""
+    """As many runs as cost what 20 city drives do; models that change at every step cost 5 times more."""
     irregular = len(np.unique(np.diff(seconds).round(6))) > 1
     return int(np.clip(17_000 // (len(seconds) * (5 if irregular else 1)), 3, 20))
 
