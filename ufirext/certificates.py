@@ -47,12 +47,12 @@ class Certificate:
     confirmed : bool
         `optimal`, and every solver reached its precision and the same gain and value within 1e-6.
     feasibility : float
-        max |(H O - T) R1^-1| / |H|: how far from unbiased.
+        ``max |(H O - T) R1^-1| / |H|``: how far from unbiased.
     gap : float
         Square root of the excess of the variance over its optimum, relative: the distance from the optimal
         estimate, in standard deviations of its error.
     stationarity : float
-        |(H S - D) Q2| / |H S|: the Karush-Kuhn-Tucker residual.
+        ``|(H S - D) Q2| / |H S|``: the Karush-Kuhn-Tucker residual.
     duality : float
         (primal - dual) / primal.
     primal, dual : ndarray, (rows,)

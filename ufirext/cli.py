@@ -1,4 +1,4 @@
-"""The command line: `ufirext track` and `ufirext demo`."""
+"""The command line: `ufirext track`, `ufirext demo` and `ufirext certify`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ def build() -> typer.Typer:
     import typer
 
     from . import __version__
+    from .certify_cli import certify
     from .demo.cli import demo
     from .track.command import track
 
     app = typer.Typer(
         name="ufirext",
-        help="Finite-memory state estimation of recorded tracks.",
+        help="Finite-memory state estimation of recorded tracks, and certificates of gains.",
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
@@ -38,10 +39,11 @@ def build() -> typer.Typer:
             False, "--version", callback=version, is_eager=True, help="Say the version."
         ),
     ) -> None:
-        """Finite-memory state estimation of recorded tracks."""
+        """Finite-memory state estimation of recorded tracks, and certificates of gains."""
 
     app.command("track")(track)
     app.command("demo")(demo)
+    app.command("certify")(certify)
     return app
 
 

@@ -224,7 +224,7 @@ class DelayHInfinityFilter(LateFilter):
         Returns
         -------
         WorstCase
-            ``.gain`` is sup sum theta |e|^2_S / (energy of the disturbances), at most 1 where there is a
+            ``.gain`` is ``sup sum theta |e|^2_S / (energy of the disturbances)``, at most 1 where there is a
             guarantee; ``.x0``, ``.w``, ``.v`` attain it, with delays on [x_n; x_{n-1}; ..].
 
         Raises
