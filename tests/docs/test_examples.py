@@ -28,11 +28,11 @@ SHOWN = {"console", "text", "toml", "csv", "{eval-rst}", "{include}", "{toctree}
 EXECUTED = {"python", "bash"}
 
 
-def _run_tracks(example: Example) -> None:
-    """Run the `ufirext track` lines of a shell block; installing and building are not for a test."""
+def _run_commands(example: Example) -> None:
+    """Run the `ufirext` lines of a shell block, the demo apart; installing and building are not for a test."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     for line in example.parsed.splitlines():
-        if line.startswith("ufirext track"):
+        if line.startswith(("ufirext track", "ufirext certify")):
             command = [sys.executable, "-c", "import ufirext.cli; ufirext.cli.main()", *shlex.split(line)[1:]]
             run = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
             assert run.returncode == 0, f"{line}\n{run.stderr}"
@@ -41,7 +41,7 @@ def _run_tracks(example: Example) -> None:
 pages = Sybil(
     [
         PythonCodeBlockParser(doctest_optionflags=FLAGS),
-        CodeBlockParser("bash", _run_tracks),
+        CodeBlockParser("bash", _run_commands),
         DocTestDirectiveParser(FLAGS),
         SkipParser(),
     ]
