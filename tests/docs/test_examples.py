@@ -24,12 +24,12 @@ MODULES = sorted((ROOT / "ufirext").rglob("*.py"))
 FLAGS = ELLIPSIS | NORMALIZE_WHITESPACE
 
 # Fences that show something without claiming that it runs.
-SHOWN = {"console", "text", "toml", "csv", "{eval-rst}", "{include}", "{toctree}", "{math}"}
-EXECUTED = {"python", "bash"}
+SHOWN = {"console", "text", "csv", "{eval-rst}", "{include}", "{toctree}", "{math}"}
+EXECUTED = {"python", "bash", "toml"}
 
 
 def _run_commands(example: Example) -> None:
-    """Run the `ufirext` lines of a shell block, the demo apart; installing and building are not for a test."""
+    """Run the `ufirext` lines of a shell block, the demo apart; installing is not for a test."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     for line in example.parsed.splitlines():
         if line.startswith(("ufirext track", "ufirext certify")):
@@ -38,10 +38,16 @@ def _run_commands(example: Example) -> None:
             assert run.returncode == 0, f"{line}\n{run.stderr}"
 
 
+def _write_file(example: Example) -> None:
+    """Write a TOML block to the file that its first line names: `# model.toml`."""
+    Path(example.parsed.splitlines()[0].removeprefix("# ")).write_text(example.parsed, encoding="utf-8")
+
+
 pages = Sybil(
     [
         PythonCodeBlockParser(doctest_optionflags=FLAGS),
         CodeBlockParser("bash", _run_commands),
+        CodeBlockParser("toml", _write_file),
         DocTestDirectiveParser(FLAGS),
         SkipParser(),
     ]
