@@ -205,6 +205,7 @@ def _reaches(window: Window) -> bool:
     if (np.sqrt((unseen**2).sum(axis=1)) > REACH_TOLERANCE * size).any():
         return False
     basis = np.linalg.qr(seen.T, mode="complete")[0][:, window.rank :]
+    basis[np.abs(basis) < REACH_TOLERANCE] = 0.0  # rounding, which would pass for a direction of its own
     return _dies(basis / window.scale[:, None], window.F[: window.aim])
 
 
@@ -218,9 +219,10 @@ def _dies(unseen: Array, transitions: Sequence[Array]) -> bool:
             : len(unseen)
         ]  # what a constant F ever annihilates, it does within dim_x steps
     for F in transitions:
-        moved = F @ unseen
-        size = (np.abs(F) @ np.abs(unseen)).max(axis=1)
-        _, s, Vt = np.linalg.svd(moved / np.where(size > 0.0, size, 1.0)[:, None], full_matrices=False)
+        moved, size = F @ unseen, np.abs(F) @ np.abs(unseen)
+        moved[np.abs(moved) <= REACH_TOLERANCE * size] = 0.0
+        unit = size.max(axis=1, keepdims=True)
+        _, s, Vt = np.linalg.svd(moved / np.where(unit > 0.0, unit, 1.0), full_matrices=False)
         alive = moved @ Vt[s > REACH_TOLERANCE].T
         if not alive.size:
             return True

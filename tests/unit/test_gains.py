@@ -160,3 +160,16 @@ def test_a_window_may_aim_beyond_its_rows_and_before_its_end():
     np.testing.assert_allclose(
         least_squares(model_window(RAMP, 4, lag=3)), ufir_gain(RAMP, 4, lag=3).K, atol=1e-14
     )
+
+
+def test_a_chain_of_delays_forgets_what_a_single_component_left_unknown():
+    """Rows with holes in a delay-augmented plant: the oldest copies stay unknown, F drops them at once."""
+    F = np.array([[1.0, -0.13, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
+    H = np.array([[-0.54, 0.36, 1.3, 0.95], [-0.7, -1.27, -0.62, 0.04]])
+    rows = [H[1:], H[1:], H]
+    window = Window([F] * 3, [np.eye(4)] * 3, rows, [np.eye(len(r)) for r in rows], [0, 2, 3], aim=3)
+    assert window.rank == 3
+    assert window.determined()
+    x = np.array([1.0, 2.0, -3.0, 4.0])
+    Z = np.concatenate([H[1:] @ x, H[1:] @ F @ F @ x, H @ F @ F @ F @ x])
+    np.testing.assert_allclose(least_squares(window) @ Z, F @ F @ F @ x, atol=1e-10)
