@@ -37,7 +37,7 @@ class Slots:
         m = plan.model.dim_z
         self.free = np.zeros((self.capacity, m))
         self._alias()
-        self.single, self.pair, self.flat_shape, self.column_shape = m == 1, m == 2, (m,), (m, 1)
+        self.single, self.components, self.flat_shape, self.column_shape = m == 1, range(m), (m,), (m, 1)
         self.variances: list[list[float]] = plan.model.R.tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
@@ -198,7 +198,9 @@ class Slots:
                 shape = z.shape
                 if z.dtype is not FLOAT or (shape != self.flat_shape and shape != self.column_shape):
                     return False
-                total = z.item(0) + z.item(1) if self.pair else z.sum().item()
+                total = 0.0
+                for component in self.components:
+                    total += z.item(component)
                 if total - total != 0.0:
                     return False
                 (self.free if z.ndim == 1 else self.columns)[i] = z

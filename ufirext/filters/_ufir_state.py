@@ -33,6 +33,8 @@ class UFIRState(WindowState):
         self.product: Any = None  # G.dot of the full window
         # The full window that ends at each slot: looking up beats slicing.
         self.views: list[Array | None] = []
+        self.ring: Ring | None = None  # the engine, while the hot path holds
+        self.missed = 0  # hot updates without a measurement, in a row
         self.seen = 0  # step up to which the published fields are worked out
 
     def write_x(self, value: Any) -> None:
@@ -70,7 +72,7 @@ class UFIRState(WindowState):
             and not (self.stale and self.policy == "auto")
             and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
         ):
-            self.mode, self.seen = POSTED, ring.now
+            self.mode, self.seen, self.ring, self.missed = POSTED, ring.now, ring, 0
             self._choose_product(ring)
             self.hot_x = None if self.lazy else self.shaped(self.x)
 
@@ -86,12 +88,13 @@ class UFIRState(WindowState):
 
     def take(self, z: Any) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        ring: Ring = self.engine  # type: ignore[assignment]
+        ring = self._hot_ring() if self.ring is None else self.ring
         if self.lazy and ring.store(z):
             return True
         if z is None:
-            if ring.now - self.seen >= ring.limits.horizon:
+            if self.missed >= ring.limits.horizon:
                 return False
+            self.missed += 1
             x = self.F.value.dot(self.posted_x())
             ring.hole()
             self.hot_x, self.lazy = x, False
@@ -124,17 +127,18 @@ class UFIRState(WindowState):
             ring.unstore()
             return False
         self.hot_x = flat.reshape(-1, 1) if self.form == 2 else flat
+        self.missed = 0
         return True
 
     def posted_x(self) -> Array:
         """x after the last update on the hot path, in the client's form."""
-        if self.lazy:
-            ring = self._hot_ring()
-            view = self.views[ring.end]
-            if view is None:
-                view = self.views[ring.end] = ring.view(self.form)
-            return self.product(view)  # type: ignore[no-any-return]
-        return self.hot_x  # type: ignore[return-value]
+        if not self.lazy:
+            return self.hot_x  # type: ignore[return-value]
+        end = self.ring.end  # type: ignore[union-attr]
+        view = self.views[end]
+        if view is None:
+            view = self.views[end] = self._hot_ring().view(self.form)
+        return self.product(view)  # type: ignore[no-any-return]
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
@@ -198,7 +202,7 @@ class UFIRState(WindowState):
                 self._hot_ring().advance(None)
                 self.now += 1
                 self.updated = False
-            self.mode = SLOW
+            self.mode, self.ring = SLOW, None
 
     def _detach(self) -> None:
         """Work out the covariances that still lean on an engine which is about to have a life of its own."""
@@ -216,7 +220,7 @@ class UFIRState(WindowState):
         fork = object.__new__(type(self))
         live = {"F", "H", "Q", "R", "M", "B"}
         fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
-        fork._x_handed = fork._P_handed = fork.product = None
+        fork._x_handed = fork._P_handed = fork.product = fork.ring = None
         if self.engine is not None:
             fork.engine = self.engine.copy()
             fork.anchor = tuple(
@@ -228,4 +232,11 @@ class UFIRState(WindowState):
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         self._detach()
-        return {**self.__dict__, "_x_handed": None, "_P_handed": None, "product": None, "views": []}
+        return {
+            **self.__dict__,
+            "_x_handed": None,
+            "_P_handed": None,
+            "product": None,
+            "views": [],
+            "ring": None,
+        }

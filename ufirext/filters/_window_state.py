@@ -163,7 +163,7 @@ class WindowState(FilterState):
         if delay and self._too_old(delay):
             self.dropped += 1
             return None
-        if self.ready_at is not None and self.ready_at < self.now - 1:
+        if isinstance(engine, Varying) and self.ready_at is not None and self.ready_at < self.now - 1:
             # The window these lean on may be forgotten when the row comes in.
             self.P.value, self.post[1].value
         counted, solution = self._add(engine, z, H, R, delay)
