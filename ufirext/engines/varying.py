@@ -139,7 +139,8 @@ class Varying(Records):
         ):
             self.active = self.following = None  # the sums have no place for it
             return
-        self.counts[self.now] += 1
+        for step in range(self._key(row), self.now + 1):
+            self.counts[step] += 1
         H, z = self._white(row)
         block.add(row.origin, H, z)
         if self.following is not None:
