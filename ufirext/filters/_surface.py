@@ -212,6 +212,7 @@ class FilterSurface(Attributes):
 
     def residual_of(self, z: ArrayLike) -> Array:
         """z - H x_prior."""
+        self._state.settle()
         flat = measurement(z, self.dim_z)
         if flat is None:
             raise ShapeError("residual_of needs a measurement, got None")
@@ -219,6 +220,7 @@ class FilterSurface(Attributes):
 
     def measurement_of_state(self, x: ArrayLike) -> Array:
         """H x, in the form of the x given."""
+        self._state.settle()
         return np.asarray(self._state.H.value @ real(x, "x"))
 
     def log_likelihood_of(self, z: ArrayLike | None) -> float:
@@ -227,7 +229,8 @@ class FilterSurface(Attributes):
         if flat is None or np.isnan(flat).all():
             return LOG_SMALLEST
         mask = ~np.isnan(flat)
-        state = self._state.look()
+        state = self._state
+        state.settle()
         residual = flat - state.H.value @ self.x.reshape(-1)
         S = (
             self.S
