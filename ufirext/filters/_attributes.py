@@ -28,7 +28,8 @@ class Attributes:
     @property
     def x(self) -> Array:
         """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
-        return self._state.hand_out_x()
+        x = self._state._x_handed
+        return self._state.hand_out_x() if x is None else x
 
     @x.setter
     def x(self, value: ArrayLike) -> None:

@@ -32,16 +32,6 @@ class HotFilter(FilterSurface):
     was, so that edits made in place are honoured here too.
     """
 
-    @property
-    def x(self) -> Array:
-        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
-        x = self._state._x_handed
-        return self._state.hand_out_x() if x is None else x
-
-    @x.setter
-    def x(self, value: ArrayLike) -> None:
-        self._state.write_x(value)
-
     def predict(
         self,
         u: ArrayLike | None = None,

@@ -172,6 +172,11 @@ class FilterSurface(Attributes):
     def predicted(self, steps: int) -> tuple[Array, Array]:
         """The state `steps` ahead under the present F and Q without input, and its covariance.
 
+        Parameters
+        ----------
+        steps : int
+            At least 0.
+
         Returns
         -------
         x : ndarray, in the form of `x`
@@ -181,7 +186,7 @@ class FilterSurface(Attributes):
         state.settle()
         x, P = state.x, state.P
         for _ in range(integer(steps, "steps", 0)):
-            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value)
+            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value, state.fading)
         return state.shaped(x), P.value.copy()
 
     def _take_over(self, kf: Any) -> None:

@@ -29,16 +29,6 @@ class LateFilter(FilterSurface):
 
     # -- the two verbs, with their hot path -----------------------------------------------
 
-    @property
-    def x(self) -> Array:
-        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
-        x = self._state._x_handed
-        return self._state.hand_out_x() if x is None else x
-
-    @x.setter
-    def x(self, value: ArrayLike) -> None:
-        self._state.write_x(value)
-
     def predict(
         self,
         u: ArrayLike | None = None,
@@ -83,26 +73,6 @@ class LateFilter(FilterSurface):
     def ready(self) -> bool:
         """Always True: the filter starts from x and P."""
         return True
-
-    def predicted(self, steps: int) -> tuple[Array, Array]:
-        """The state `steps` ahead under the present F and Q without input, and its covariance.
-
-        Parameters
-        ----------
-        steps : int
-            At least 0.
-
-        Returns
-        -------
-        x : ndarray, in the form of `x`
-        P : ndarray, (dim_x, dim_x)
-        """
-        state = self._state
-        state.settle()
-        x, P = state.x, state.P
-        for _ in range(integer(steps, "steps", 0)):
-            x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value, state.fading)
-        return state.shaped(x), P.value.copy()
 
 
 def checked_channel(channel: Channel | None, max_delay: int) -> Channel:
@@ -205,9 +175,7 @@ class DelayKalmanFilter(LateFilter):
             Keywords of DelayKalmanFilter.
         """
         new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, **options)
-        for name in ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha"):
-            setattr(new, name, getattr(kf, name))
-        new.inv = kf.inv
+        new._take_over(kf)
         return new
 
     @property
