@@ -163,5 +163,30 @@ class UFIRFilter(HotFilter):
         x, P = self._state.lagged(lag)
         return self._state.shaped(x), P.value.copy()
 
+    def certify(self, **options: Any) -> Any:
+        """Certify the gain of the full window under the filter's model; see `ufirext.certify`.
+
+        Parameters
+        ----------
+        **options
+            Keywords of `ufirext.certify`: objective, solver.
+
+        Returns
+        -------
+        Certificate
+        """
+        from ..certificates import certify
+        from ..gains import ufir_gain
+        from ..model import Model
+
+        horizon, state = self.horizon, self._state
+        state.settle()
+        model = Model(state.F.value, state.H.value, state.Q.value, state.R.value)
+        if horizon is None:
+            raise UfirextError(
+                "a gain to certify needs a horizon: give one, or a model that determines the state"
+            )
+        return certify(ufir_gain(model, horizon), model, **options)
+
     def __repr__(self) -> str:
         return describe(self, extra=("horizon", "ready", "rows"))
