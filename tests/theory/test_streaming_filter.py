@@ -190,3 +190,18 @@ def test_with_a_full_window_the_stream_is_the_gain_times_the_window(model):
             expected = gain.K @ zs[t - horizon + 1 : t + 1].ravel()
             np.testing.assert_allclose(f.x.ravel(), expected, atol=1e-11 * (1.0 + np.abs(expected).max()))
             np.testing.assert_allclose(f.P, gain.P, rtol=1e-9)
+
+
+@pytest.mark.parametrize("missing", ["extend", "skip"])
+@pytest.mark.parametrize("window", ["arrivals", "origins"])
+def test_transitions_are_remembered_as_long_as_rows_lean_on_them(missing, window):
+    """F changes at every step, one row comes late, then a gap: sums and look-ups must use the same F."""
+    model, rng = kinematic(2, 1, 0.1, q=0.1), np.random.default_rng(0)
+    both = pair(model, 14, missing, window, np.zeros(3))
+    for step in range(60):
+        both.predict(None, model.F * (1.0 + 0.03 * np.sin(step)))
+        if 25 <= step < 32:
+            both.update(None)
+        else:
+            both.update(rng.normal(size=1), delay=12 if step == 22 else 0)
+        both.assert_equal(step)

@@ -175,8 +175,10 @@ class Varying(Records):
         for table in (self.by_key, self.counts, self.path):
             for step in [step for step in table if step <= kept]:
                 del table[step]
-        oldest = min((row.origin for row in self.rows), default=self.now)
-        while self.first < min(oldest, bound):
+        # The blocks still ask for the transitions from their frames on.
+        frames = [block.frame for block in (self.active, self.following) if block is not None]
+        oldest = min([bound, *frames, *(row.origin for row in self.rows)])
+        while self.first < oldest:
             self.steps.popleft()
             self.first += 1
 
