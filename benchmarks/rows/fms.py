@@ -21,10 +21,12 @@ def _fms(model: Model, horizon: int) -> Any:
 
 def _stepped(f: Any, warm_up: list[np.ndarray], zs: list[np.ndarray]) -> Run:
     def run(zs: list[np.ndarray] = zs) -> object:
+        x = f.x
         for z in zs:
             f.predict()
             f.update(z)
-        return f.x
+            x = f.x
+        return x
 
     run(warm_up)
     return run
@@ -58,7 +60,7 @@ def _against_smoother(horizon: int, steps: int) -> Contest:
 ROWS = [
     Row(
         f"fms/{n}",
-        f"FMS predict + update(z), N = {n}",
+        f"FMS predict + update(z) + read x, N = {n}",
         "filterpy FixedLagSmoother",
         goal,
         partial(_against_smoother, n),
