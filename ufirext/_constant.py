@@ -25,15 +25,20 @@ def constant_gain(model: Model, horizon: int, lag: int) -> Array | None:
         scale = np.sqrt(np.einsum("ij,ij->j", C, C))
     if not (np.isfinite(scale).all() and scale.all()):
         return None
-    basis = C / scale
-    normal = basis.T @ basis
+    C /= scale  # in place: fresh pages of memory cost as much as the arithmetic
+    normal = C.T @ C
     values = np.linalg.eigvalsh(normal)
     if values[0] * WELL_CONDITIONED**2 < values[-1]:
         return None
     # CholeskyQR2 (Yamamoto et al. 2015). The inverse is a preconditioner: both sides carry it, it cancels.
     near = np.linalg.inv(np.linalg.cholesky(normal))
-    rows = near @ basis.T
-    K = np.linalg.solve(rows @ rows.T, near @ (T / scale).T).T @ rows
+    rows = near @ C.T
+    K: Array = np.linalg.solve(rows @ rows.T, near @ (T / scale).T).T @ rows
+    # Back to raw rows; the usual diagonal R spares a product of very thin matrices.
+    weights = np.diag(W)
+    if np.count_nonzero(W) == np.count_nonzero(weights):
+        K *= np.tile(weights, horizon)
+        return K
     return np.asarray((K.reshape(-1, model.dim_z) @ W).reshape(model.dim_x, -1))
 
 
