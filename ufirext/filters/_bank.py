@@ -151,7 +151,7 @@ class AdaptiveState(UFIRState):
             and self.now - self.refreshed < (self.horizon or 0)
         ):
             return
-        self.index = observability_index(self._model())
+        self.index = observability_index(self.model())
         self.refreshed, self.stale = self.now, False
         candidates = bank_candidates(self.dim_x if self.index is None else self.index)
         if self.bank is None or self.bank.candidates != candidates:

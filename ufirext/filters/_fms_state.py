@@ -14,7 +14,6 @@ from ..engines.records import Limits, Solution
 from ..engines.segmented import Lagged, Prior, Segmented
 from ..errors import CovarianceError, UnobservableWindow
 from ..minimum_variance import shortest_window
-from ..model import Model
 from ..window import Row
 from ._state import POSTED, PREDICTED, SLOW, FilterState
 from ._update import innovation_gain, joseph
@@ -58,10 +57,7 @@ class FMSState(FilterState):
     def check(self) -> None:
         """Look at the model once: raise if the window can never determine the states that are wanted."""
         self.unchecked = False
-        self.index = shortest_window(self._model(), self.horizon, self.lag)
-
-    def _model(self) -> Model:
-        return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
+        self.index = shortest_window(self.model(), self.horizon, self.lag)
 
     # -- engines ----------------------------------------------------------------------------------------
 
@@ -80,7 +76,7 @@ class FMSState(FilterState):
         if not regular or self.now - self.tried < self.horizon:
             return None
         self.tried = self.now
-        ring = PairRing.of(pair_plan(self._model(), self.horizon, self.lag), engine)
+        ring = PairRing.of(pair_plan(self.model(), self.horizon, self.lag), engine)
         if ring is not None:
             self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
         return ring

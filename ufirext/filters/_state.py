@@ -12,6 +12,7 @@ from .._arrays import Array, covariance, finite, matrix, real, square
 from ..engines.covariance import Covariance
 from ..engines.records import measured
 from ..errors import ShapeError
+from ..model import Model
 from ._live import Live
 from ._update import Update
 
@@ -210,6 +211,10 @@ class FilterState:
 
     def warm(self) -> None:
         """The end of an update(): a chance to prepare for the next ones."""
+
+    def model(self) -> Model:
+        """The model as it stands, as a value."""
+        return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
 
     def keep_P(self, P: Covariance, last: Update | None = None) -> None:
         """Undo the covariance part of the last verb (filterpy's steady-state verbs); `last` lends K and S."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,6 +93,3 @@ def joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     """(I - K H) P (I - K H)' + K R K'."""
     rest = np.eye(len(P)) - K @ H
     return symmetric(rest @ P @ rest.T + K @ R @ K.T)
-
-
-Gainer = Callable[..., Array]

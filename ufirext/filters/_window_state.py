@@ -63,7 +63,7 @@ class WindowState(FilterState):
         )
         if not (self.stale and due):
             return
-        model = self._model()
+        model = self.model()
         self.index, self.looked_at = observability_index(model), (self.F.value, self.H.value)
         if self.policy == "auto":
             horizon = _from_model(model, self.index)
@@ -78,9 +78,6 @@ class WindowState(FilterState):
                 shortest=self.index,
             )
         self.refreshed, self.stale = self.now, False
-
-    def _model(self) -> Model:
-        return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
 
     @property
     def limits(self) -> Limits:
@@ -109,7 +106,7 @@ class WindowState(FilterState):
             and self.now - self.irregular > engine_reach(self.limits)
         ):
             self.irregular = self.now  # look again after another reach, whatever comes of it
-            if self._regular(F, Q) and observability_index(self._model()) is not None:
+            if self._regular(F, Q) and observability_index(self.model()) is not None:
                 ring = self._ring(self.now)
                 if ring.adopt(engine):
                     engine = self.engine = ring
@@ -129,7 +126,7 @@ class WindowState(FilterState):
 
     def _ring(self, now: int) -> Ring:
         self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
-        return Ring(plan(self._model(), self.limits.horizon), self.limits, now)
+        return Ring(plan(self.model(), self.limits.horizon), self.limits, now)
 
     def _to_records(self) -> Records | None:
         if isinstance(self.engine, Ring):

@@ -187,11 +187,10 @@ class FMSFilterSmoother(HotFilter):
         """
         from ..certificates import certify
         from ..minimum_variance import minimum_variance_gain
-        from ..model import Model
 
         state = self._state
         state.settle()
-        model = Model(state.F.value, state.H.value, state.Q.value, state.R.value)
+        model = state.model()
         return certify(minimum_variance_gain(model, state.horizon, state.lag), model, **options)
 
     def __repr__(self) -> str:

@@ -177,11 +177,10 @@ class UFIRFilter(HotFilter):
         """
         from ..certificates import certify
         from ..gains import ufir_gain
-        from ..model import Model
 
         horizon, state = self.horizon, self._state
         state.settle()
-        model = Model(state.F.value, state.H.value, state.Q.value, state.R.value)
+        model = state.model()
         if horizon is None:
             raise UfirextError(
                 "a gain to certify needs a horizon: give one, or a model that determines the state"
