@@ -37,7 +37,8 @@ def intake(buffer: Buffer) -> Callable[[Any], bool]:
 
 
 def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
-    cells, capacity = buffer.free.reshape(-1).data, buffer.capacity
+    cells: Any = buffer.free.reshape(-1).data
+    capacity = buffer.capacity
 
     def put(z: Any) -> bool:
         kind = z.__class__
@@ -60,7 +61,8 @@ def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
 
 def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
     # Positions in the plane are what most measure: worth a version of its own, a fifth of a step.
-    cells, capacity = buffer.free.reshape(-1).data, buffer.capacity
+    cells: Any = buffer.free.reshape(-1).data
+    capacity = buffer.capacity
     unpack: Callable[[Any], tuple[float, float]] = Struct("2d").unpack
 
     def put(z: Any) -> bool:
