@@ -149,6 +149,8 @@ class Claim:
         What the explanation predicts for ours. A difference is explained only while ours agrees with it
         within the tolerance, so that an explanation does not hide the next mistake.
     unit : str
+    ran : bool
+        False for a claim that its item promised and did not return.
 
     Examples
     --------
@@ -167,6 +169,7 @@ class Claim:
     because: str = ""
     expected: Reported | None = None
     unit: str = ""
+    ran: bool = True
 
     def __post_init__(self) -> None:
         if not (self.standard_error >= 0.0 and math.isfinite(self.standard_error)):
@@ -186,6 +189,8 @@ class Claim:
     @property
     def verdict(self) -> Verdict:
         """What follows from the numbers; nobody chooses it."""
+        if not self.ran:
+            return Verdict.NOT_RUN
         if self.ours is None:
             return Verdict.CANNOT_RUN
         if _agrees(self.ours, self.reported, self.tolerance.exact(_scale(self.reported))):
