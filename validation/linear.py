@@ -22,8 +22,8 @@ __all__ = ["Finite", "Linear", "Recursion", "expected_squares", "recursion"]
 
 Array = NDArray[np.float64]
 
-REPEATS = 1e-13
-"""Gains that change by less than this from step to step have settled."""
+REPEATS = 1e-10
+"""Gains that change by less than this fraction from step to step have settled."""
 
 
 class Linear(Protocol):
@@ -66,12 +66,14 @@ class Recursion:
         """Estimates from the first measurement on, at rest there."""
         x = _at_rest(zs, self.F)
         estimates = np.empty((*zs.shape[:2], len(self.F)))
-        moved = [(self._closed(K).T, K.T) for K in self.K]
+        nothing = np.abs(self.K).sum(axis=(1, 2)) == 0.0
+        arrived = zs.copy()
+        arrived[:, nothing] = 0.0
+        driven = np.einsum("rsz,sxz->rsx", arrived, self.K)
+        moved = (self.F - self.K @ self.H @ self.F).swapaxes(1, 2)
         with np.errstate(over="ignore", invalid="ignore"):
-            for step, (A, K) in enumerate(moved):
-                x = x @ A
-                if K.any():
-                    x = x + zs[:, step] @ K
+            for step, A in enumerate(moved):
+                x = x @ A + driven[:, step]
                 estimates[:, step] = x
         return estimates
 

@@ -50,7 +50,7 @@ def robust(k: int, theta: float, form: str = "mixed") -> Recursion:
     return replace(found, K=np.concatenate([np.zeros((k, *found.K.shape[1:])), found.K]))
 
 
-def theta_limit(k: int, form: str = "mixed", digits: float = 1e-3) -> float:
+def theta_limit(k: int, form: str = "mixed", digits: float = 1e-2) -> float:
     """The theta beyond which the condition fails at some step, by bisection."""
     low, high = 0.0, 0.1
     while high - low > digits * high:
@@ -79,5 +79,5 @@ def best_theta(k: int, scene: Scene, form: str = "mixed") -> float:
     def error(fraction: float) -> float:
         return min(rmse(robust_squares(k, fraction * limit, scene, form)).value, 1e6)
 
-    found = minimize_scalar(error, bounds=(0.0, 1.0), method="bounded", options={"xatol": 0.01})
+    found = minimize_scalar(error, bounds=(0.0, 1.0), method="bounded", options={"xatol": 0.03})
     return 0.0 if error(0.0) <= found.fun else float(found.x) * limit
