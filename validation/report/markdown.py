@@ -127,7 +127,8 @@ def _reasons(claims: Iterable[Claim]) -> list[str]:
     for because, of in shared.items():
         forecast = "; ".join(dict.fromkeys(reported(c.expected) for c in of if c.expected is not None))
         predicts = f" It predicts {forecast}." if forecast else ""
-        lines.append(f"{', '.join(c.name for c in of)}: {because}{predicts}")
+        names = ", ".join(c.name for c in of[:2]) + (f" and {len(of) - 2} more" if len(of) > 2 else "")
+        lines.append(f"{names}: {because}{predicts}")
     return [_bullets(lines)] if lines else []
 
 
