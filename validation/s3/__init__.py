@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from validation.item import Item
-from validation.s3 import table_1, table_2
+from validation.s3 import fig_1, fig_2, fig_3, fig_4, table_1, table_2
 
 __all__ = ["ITEMS"]
 
-ITEMS: tuple[Item, ...] = (table_1.ITEM, table_2.ITEM)
+ITEMS: tuple[Item, ...] = (table_1.ITEM, fig_1.ITEM, fig_2.ITEM, fig_3.ITEM, fig_4.ITEM, table_2.ITEM)
