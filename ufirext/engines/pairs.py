@@ -6,8 +6,8 @@ It holds a full window of plain rows, one a step, free of known inputs; anything
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,12 @@ from ..joint import Joint, joint_gain
 from ..model import Model
 from ..window import Row, model_window
 from .covariance import Covariance
+from .lean import intake, reading
 from .records import Solution
 from .segmented import Lagged, Segmented
 
 __all__ = ["PairPlan", "PairRing", "pair_plan"]
 
-FLOAT = np.dtype(float)
 # The path of known inputs starts anew after so many horizons.
 REBASE = 3
 
@@ -65,22 +65,11 @@ class PairRing:
         self.free = np.zeros((self.capacity, m))
         self.free[1 : self.keep] = rows
         self.end, self.base = self.keep, now - horizon
-        self.single, self.ones = m == 1, np.ones(m)
         # What is known of the state at the rows of the window; the buffer holds z - H path.
         self.path: deque[Array] | None = None
         self.ahead: Array | None = None  # the path at the row to come
         self.after: Array | None = None  # edits of x since the newest row
         self.rebased = now
-        self._prepare()
-
-    def _prepare(self) -> None:
-        self.flat = self.free.reshape(-1)
-        self.product = self.plan.joint.K.dot
-        self.size = self.plan.model.dim_x
-        self.views: list[Array] = []
-        self.form = 0
-        # Where the window ended when the pair was last worked out for the client, and that pair.
-        self.older = -1, self.free
 
     @classmethod
     def of(cls, plan: PairPlan, engine: Segmented) -> PairRing | None:
@@ -112,29 +101,10 @@ class PairRing:
         """Step of the newest row."""
         return self.base + self.end - 1
 
-    def store(self, z: Any) -> bool:
-        """A measurement of the next step, if it is a plain finite one in floats; else nothing is done."""
-        i = self.end
-        try:
-            if self.single:
-                value = z if type(z) is float else z.item()
-                if value - value != 0.0:
-                    return False
-                self.flat[i] = value
-            else:
-                if z.dtype is not FLOAT or z.size != self.free.shape[1] or z.ndim > 2:
-                    return False
-                self.free[i] = z if z.ndim == 1 else z.reshape(-1)
-                total = self.ones.dot(self.free[i])
-                if total - total != 0.0:
-                    return False
-        except (AttributeError, TypeError, ValueError):
-            return False
-        self.end = i + 1
-        if self.end == self.capacity:
-            self.free[: self.keep] = self.free[self.end - self.keep :].copy()
-            self.base, self.end = self.base + self.end - self.keep, self.keep
-        return True
+    def compact(self) -> None:
+        """Move the window to the front."""
+        self.free[: self.keep] = self.free[self.end - self.keep : self.end].copy()
+        self.base, self.end = self.base + self.end - self.keep, self.keep
 
     # -- known inputs and edits ------------------------------------------------------------------------------
 
@@ -165,8 +135,8 @@ class PairRing:
     def put(self, z: Array) -> bool:
         """A measurement of the next step, finite and flat."""
         if self.path is None or self.ahead is None:
-            return self.store(z if len(z) > 1 else z[0])
-        if not self.store(z - self.plan.model.H @ self.ahead):
+            return intake(self)(z)
+        if not intake(self)(z - self.plan.model.H @ self.ahead):
             return False
         self.path.append(self.ahead)
         self.ahead = None
@@ -187,43 +157,28 @@ class PairRing:
 
     # -- estimates -------------------------------------------------------------------------------------------
 
-    def newest(self, form: int) -> Array:
-        """x_n in the client's form, for the client to keep; the same product leaves x_{n-lag} behind."""
-        if form != self.form:
-            self._view(form)
-        pair: Array = self.product(self.views[self.end])
-        self.older = self.end, pair
-        return pair[: self.size]
-
-    def _view(self, form: int) -> None:
-        horizon, shape = self.plan.horizon, (-1, 1) if form == 2 else (-1,)
-        self.views = [
-            self.free[max(stop - horizon, 0) : stop].reshape(shape) for stop in range(self.capacity)
-        ]
-        self.form, self.older = form, (-1, self.free)
-
-    def oldest(self, form: int) -> Array:
-        """x_{n-lag} in the client's form, a copy."""
-        if self.older[0] != self.end or form != self.form:
-            self.newest(form)
-        return self.older[1][self.size :].copy()
+    def readers(self, column: bool) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        """Two functions: x_n and x_{n-lag}, each half of the one gain, in the client's form."""
+        n, K = self.plan.model.dim_x, self.plan.joint.K
+        return reading(self, K[:n], column), reading(self, K[n:], column)
 
     def solve(self, before: int = 0) -> Solution:
         """The newest state as of the newest row, or of the row before it."""
-        gain = self.plan.newest_gain
-        return Solution(self._pair(before)[: self.size], self.plan.P, gain, gain, self.plan.horizon)
+        gain, n = self.plan.newest_gain, self.plan.model.dim_x
+        return Solution(self._pair(before)[:n], self.plan.P, gain, gain, self.plan.horizon)
 
     def lagged(self) -> Lagged:
         """The lagged state as of the newest row."""
-        n, P = self.size, self.plan.joint.P
+        n, P = self.plan.model.dim_x, self.plan.joint.P
         return Lagged(self._pair(0)[n:], P[n:, n:], P[:n, n:])
 
     def _pair(self, before: int) -> Array:
-        rows = self.free[self.end - before - self.plan.horizon : self.end - before]
-        pair: Array = self.product(rows.reshape(-1))
+        rows, n = self.free[self.end - before - self.plan.horizon : self.end - before], self.plan.model.dim_x
+        # In halves, as the readers have it: the same to the bit.
+        pair = np.concatenate([half.dot(rows.reshape(-1)) for half in np.split(self.plan.joint.K, 2)])
         if self.path is not None:
-            pair[: self.size] += self.path[-1]
-            pair[self.size :] += self.path[-1 - self.plan.lag]
+            pair[:n] += self.path[-1]
+            pair[n:] += self.path[-1 - self.plan.lag]
         return pair
 
     def segmented(self) -> Segmented:
@@ -257,16 +212,7 @@ class PairRing:
         fork = object.__new__(type(self))
         fork.__dict__.update(self.__dict__)
         fork.free, fork.path = self.free.copy(), None if self.path is None else self.path.copy()
-        fork._prepare()
         return fork
-
-    def __getstate__(self) -> dict[str, Any]:
-        torn = {"flat", "product", "views", "form", "older"}
-        return {name: value for name, value in self.__dict__.items() if name not in torn}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._prepare()
 
 
 @lru_cache(maxsize=128)

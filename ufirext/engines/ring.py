@@ -63,16 +63,11 @@ class Ring(Slots):
             length,
         )
 
-    def view(self, form: int) -> Array:
-        """The full window that ends at the newest slot, as a column or flat, in the client's form."""
-        m = self.free.shape[1]
-        window = self.flat[(self.end - self.limits.horizon) * m : self.end * m]
-        return window.reshape(-1, 1) if form == 2 else window
-
     def grown_estimate(self) -> Array | None:
         """x of a plain window that may still grow, flat (dim_x,), None where it is not determined."""
-        gain, m = self.plan.gain(self.length), self.free.shape[1]
-        return None if gain is None else gain.dot(self.flat[(self.end - self.length) * m : self.end * m])
+        length = self.length
+        gain = self.plan.gain(length)
+        return None if gain is None else gain.dot(self.free[self.end - length : self.end].reshape(-1))
 
     def hot_estimate(self) -> Array | None:
         """x of a window with holes as flat (dim_x,), None where it takes more than normal equations."""

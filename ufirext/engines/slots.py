@@ -12,7 +12,6 @@ from .plan import Plan
 from .records import NEGLIGIBLE, Limits
 from .trajectory import Trajectory
 
-FLOAT = np.dtype(float)
 # Arrival of a slot that nothing has come for.
 NEVER = -(2**62)
 # Weights within this factor of 1 need no thought whether they are negligible.
@@ -31,13 +30,12 @@ class Slots:
     def __init__(self, plan: Plan, limits: Limits, now: int) -> None:
         self.plan, self.limits = plan, limits
         self.keep = 2 * limits.reach + 1  # rows within reach that were as late as can be when they came
-        self.capacity = self.keep + max(self.keep, 256)
+        self.capacity = self.keep + max(self.keep // 4, 256)  # a short lap stays in the cache
         self.base = now - self.keep + 1  # step of slot 0: the past is empty slots
         self.end = self.keep  # one past the newest slot
         m = plan.model.dim_z
         self.free = np.zeros((self.capacity, m))
-        self._alias()
-        self.single, self.components, self.flat_shape, self.column_shape = m == 1, range(m), (m,), (m, 1)
+        self.single = m == 1
         self.variances: list[list[float]] = plan.model.R.tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
@@ -49,10 +47,6 @@ class Slots:
         self.odd: dict[int, Row] = {}
         self.raw: Array | None = None
         self.inputs: Trajectory | None = None
-
-    def _alias(self) -> None:
-        """The buffer as seen by z in its other shapes."""
-        self.flat, self.columns = self.free.reshape(-1), self.free[:, :, None]
 
     @property
     def now(self) -> int:
@@ -185,32 +179,6 @@ class Slots:
             self.begin = row.origin
         return True
 
-    def store(self, z: Any) -> bool:
-        """The hot path's update(): a plain finite z into the next slot; anything else is left alone."""
-        i = self.end
-        try:
-            if self.single:
-                value = z if type(z) is float else z.item()
-                if value - value != 0.0:
-                    return False
-                self.flat[i] = value
-            else:
-                shape = z.shape
-                if z.dtype is not FLOAT or (shape != self.flat_shape and shape != self.column_shape):
-                    return False
-                total = 0.0
-                for component in self.components:
-                    total += z.item(component)
-                if total - total != 0.0:
-                    return False
-                (self.free if z.ndim == 1 else self.columns)[i] = z
-        except (AttributeError, TypeError, ValueError):
-            return False
-        self.end = i + 1
-        if self.end == self.capacity:
-            self.compact()
-        return True
-
     def quick_weight(self, R: Any) -> float | None:
         """w where R = R_model / w, for the hot path; None for whatever is not plainly so, or far from 1."""
         base = self.variances
@@ -274,8 +242,3 @@ class Slots:
     def _copy_into(self, fork: Any) -> None:
         copied = {k: v.copy() if hasattr(v, "copy") and k != "plan" else v for k, v in self.__dict__.items()}
         fork.__dict__.update(copied)
-        fork._alias()
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._alias()  # pickle has torn the views off their buffer

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .._arrays import Array, integer
 from ..engines.covariance import Covariance
+from ..engines.lean import intake
 from ..engines.pairs import PairRing, pair_plan
 from ..engines.records import Limits, Solution
 from ..engines.segmented import Lagged, Prior, Segmented
@@ -38,6 +40,10 @@ class FMSState(FilterState):
         self.lag_at = 0  # step of the last update
         self.lagged_then: Lagged | None = None  # of the last update, once somebody asked
         self.mode = SLOW
+        self.put: Callable[[Any], bool] | None = None  # z into the ring
+        self.read: Callable[[], Array] | None = None  # x as one product, while the hot path holds
+        self.read_lagged: Callable[[], Array] | None = None
+        self.reading = 0  # form of x that the readers give
         self.seen = 0  # step up to which the published fields are worked out
 
     # -- horizon and lag --------------------------------------------------------------------------------
@@ -79,6 +85,7 @@ class FMSState(FilterState):
         ring = PairRing.of(pair_plan(self.model(), self.horizon, self.lag), engine)
         if ring is not None:
             self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
+            self.put = None
         return ring
 
     def _folds(self) -> Segmented:
@@ -199,6 +206,10 @@ class FMSState(FilterState):
             and ring.path is None
         ):
             self.mode, self.seen = POSTED, ring.now
+            if self.put is None:
+                self.put, self.reading = intake(ring), 0
+            if self.reading != self.form:
+                (self.read, self.read_lagged), self.reading = ring.readers(self.form == 2), self.form
 
     def take_weighted(self, z: Any, R: Any) -> bool:
         """update(z, R) always goes the slow path."""
@@ -206,14 +217,12 @@ class FMSState(FilterState):
 
     def take(self, z: Any) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        ring: PairRing = self.engine  # type: ignore[assignment]
-        return ring.store(z)
+        return self.put is not None and self.put(z)
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
-        if self._x_handed is None and self.mode:
-            ring: PairRing = self.engine  # type: ignore[assignment]
-            x = ring.newest(self.form)
+        if self._x_handed is None and self.mode and self.read is not None:
+            x = self.read()
             if self.mode == PREDICTED:
                 x = self.F.value.dot(x)
             self._x_handed, self._x_raw = x, x.tobytes()
@@ -222,9 +231,8 @@ class FMSState(FilterState):
 
     def hand_out_lagged(self) -> Array:
         """The lagged state as of the last update(), in the client's form, a copy."""
-        if self.mode:
-            ring: PairRing = self.engine  # type: ignore[assignment]
-            return ring.oldest(self.form)
+        if self.mode and self.read_lagged is not None:
+            return self.read_lagged()
         return self.shaped(self.pair().x)
 
     def look(self) -> FMSState:
@@ -305,7 +313,7 @@ class FMSState(FilterState):
         fork = object.__new__(type(self))
         live = {"F", "H", "Q", "R", "M", "B"}
         fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
-        fork._x_handed = fork._P_handed = None
+        fork._x_handed = fork._P_handed = fork.put = fork.read = fork.read_lagged = None
         if self.engine is not None:
             fork.engine = self.engine.copy()
             fork.anchor = tuple(
@@ -316,7 +324,8 @@ class FMSState(FilterState):
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
-        return {**self.__dict__, "_x_handed": None, "_P_handed": None}
+        torn = ("_x_handed", "_P_handed", "put", "read", "read_lagged")
+        return self.__dict__ | dict.fromkeys(torn)
 
 
 def check_weight(R: Array) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
@@ -12,14 +13,22 @@ from ._surface import FilterSurface
 
 
 class HotState(Protocol):
-    """What the hot path asks of a state object, besides what every state object does."""
+    """What the hot path asks of a state object, besides what every state object does.
+
+    `put` and `read` are set while nothing but z has to be remembered and x can wait until it is read.
+    """
 
     mode: int
+    put: Callable[[Any], bool] | None
+    read: Callable[[], Array] | None
     _x_handed: Array | None
     _x_raw: bytes
 
+    def hand_out_x(self) -> Array:
+        """The state, editable; edits count from the next verb on."""
+
     def take(self, z: Any) -> bool:
-        """update(z): False, with nothing done, where the slow path is needed."""
+        """update(z) where x cannot wait: False, with nothing done, where the slow path is needed."""
 
     def take_weighted(self, z: Any, R: Any) -> bool:
         """update(z, R): likewise."""
@@ -31,6 +40,23 @@ class HotFilter(FilterSurface):
     The state object's `mode` says whether the hot path holds; x handed out earlier is compared with what it
     was, so that edits made in place are honoured here too.
     """
+
+    @property
+    def x(self) -> Array:
+        """State estimate, (dim_x, 1) or (dim_x,), in the form it was last assigned; writes are honoured."""
+        state: HotState = self._state  # type: ignore[assignment]
+        x = state._x_handed
+        if x is None:
+            if state.mode == POSTED and state.read is not None:
+                x = state._x_handed = state.read()
+                state._x_raw = x.tobytes()
+            else:
+                x = state.hand_out_x()
+        return x
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._state.write_x(value)
 
     def predict(
         self,
@@ -86,6 +112,9 @@ class HotFilter(FilterSurface):
         state: HotState = self._state  # type: ignore[assignment]
         if state.mode == PREDICTED and H is None and delay == 0:
             x = state._x_handed
+            if x is None and R is None and state.read is not None and state.put(z):  # type: ignore[misc]
+                state.mode = POSTED
+                return
             untouched = x is None or x.tobytes() == state._x_raw
             if untouched and (state.take(z) if R is None else state.take_weighted(z, R)):
                 state._x_handed = None

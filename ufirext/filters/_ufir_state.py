@@ -8,12 +8,14 @@ every field what the slow path would have made it, `settle` leaves the hot path.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .._arrays import Array
 from ..engines.covariance import Covariance
+from ..engines.lean import intake, reading
 from ..engines.ring import GROWING_GAINS, Ring
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
@@ -28,24 +30,16 @@ class UFIRState(WindowState):
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z, horizon, missing, window)
         self.mode = SLOW
-        self.lazy = False  # x is worked out when it is read
-        self.hot_x: Array | None = None  # x after the last hot update, unless lazy
-        self.product: Any = None  # G.dot of the full window
-        # The full window that ends at each slot: looking up beats slicing.
-        self.views: list[Array | None] = []
         self.ring: Ring | None = None  # the engine, while the hot path holds
+        self.put: Callable[[Any], bool] | None = None  # z into the ring
+        self.read: Callable[[], Array] | None = None  # x of a full plain window, which can wait until read
+        self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
+        self.hot_x: Array | None = None  # x after the last hot update, where there is no `read`
         self.missed = 0  # hot updates without a measurement, in a row
         self.seen = 0  # step up to which the published fields are worked out
 
-    def write_x(self, value: Any) -> None:
-        """x assigned from outside; its form becomes the client's form."""
-        form = self.form
-        super().write_x(value)
-        if self.form != form:
-            self.product = None  # the views have the old form
-
     def _ring(self, now: int) -> Ring:
-        self.product = None
+        self.put = self.readers = None
         return super()._ring(now)
 
     def _hot_ring(self) -> Ring:
@@ -73,37 +67,47 @@ class UFIRState(WindowState):
             and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
         ):
             self.mode, self.seen, self.ring, self.missed = POSTED, ring.now, ring, 0
-            self._choose_product(ring)
-            self.hot_x = None if self.lazy else self.shaped(self.x)
+            if self.put is None:
+                self.put = intake(ring)
+            self.read = self._reader(ring)
+            self.hot_x = None if self.read else self.shaped(self.x)
 
-    def _choose_product(self, ring: Ring) -> bool:
-        """Whether x can wait until it is read: a full window without holes is one product."""
-        self.lazy = ring.length == ring.limits.horizon and ring.plain
-        if self.lazy and self.product is None:
-            gain = ring.plan.gain(ring.limits.horizon)
-            self.product = None if gain is None else gain.dot
-            self.views = [None] * (ring.capacity + 1)
-            self.lazy = self.product is not None
-        return self.lazy
+    def _reader(self, ring: Ring) -> Callable[[], Array] | None:
+        """x as one product, for a full window without holes."""
+        horizon = ring.limits.horizon
+        if not (ring.length == horizon and ring.plain):
+            return None
+        if self.readers is None:
+            gain = ring.plan.gain(horizon)
+            if gain is None:
+                return None
+            self.readers = reading(ring, gain, column=False), reading(ring, gain, column=True)
+        return self.readers[self.form == 2]
 
     def take(self, z: Any) -> bool:
-        """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        ring = self._hot_ring() if self.ring is None else self.ring
-        if self.lazy and ring.store(z):
-            return True
+        """The hot path's update() where x cannot wait; False, with nothing done, where the slow path is
+        needed.
+        """
+        ring, put = self.ring, self.put
+        if ring is None or put is None:
+            raise RuntimeError("the hot path runs on a ring only")
         if z is None:
             if self.missed >= ring.limits.horizon:
                 return False
             self.missed += 1
             x = self.F.value.dot(self.posted_x())
             ring.hole()
-            self.hot_x, self.lazy = x, False
+            self.hot_x, self.read = x, None
             return True
-        if self.lazy or not ring.store(z):
+        if not put(z):
             return False
+        if self.read is not None:
+            return True
         if ring.plain:
-            if ring.length == ring.limits.horizon and self._choose_product(ring):
-                return True
+            if ring.length == ring.limits.horizon:
+                self.read = self._reader(ring)
+                if self.read is not None:
+                    return True
             if ring.length <= GROWING_GAINS:
                 return self._posted(ring, ring.grown_estimate())
         return self._posted(ring, ring.hot_estimate())
@@ -112,12 +116,12 @@ class UFIRState(WindowState):
         """The hot path's update() with an R that is a multiple of the model's."""
         ring = self._hot_ring()
         weight = ring.quick_weight(R)
-        if weight is None or z is None or not ring.store(z):
+        if weight is None or z is None or self.put is None or not self.put(z):
             return False
         irregular = ring.irregular
         ring.weigh(weight, np.asarray(R, dtype=float))
         if self._posted(ring, ring.hot_estimate()):
-            self.lazy = False
+            self.read = None
             return True
         ring.irregular = irregular
         return False
@@ -132,13 +136,7 @@ class UFIRState(WindowState):
 
     def posted_x(self) -> Array:
         """x after the last update on the hot path, in the client's form."""
-        if not self.lazy:
-            return self.hot_x  # type: ignore[return-value]
-        end = self.ring.end  # type: ignore[union-attr]
-        view = self.views[end]
-        if view is None:
-            view = self.views[end] = self._hot_ring().view(self.form)
-        return self.product(view)  # type: ignore[no-any-return]
+        return self.hot_x if self.read is None else self.read()  # type: ignore[return-value]
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
@@ -146,7 +144,7 @@ class UFIRState(WindowState):
             x = self.posted_x()
             if self.mode == PREDICTED:
                 x = self.F.value.dot(x)
-            elif not self.lazy:
+            elif self.read is None:
                 x = x.copy()
             self._x_handed, self._x_raw = x, x.tobytes()
             return x
@@ -202,7 +200,7 @@ class UFIRState(WindowState):
                 self._hot_ring().advance(None)
                 self.now += 1
                 self.updated = False
-            self.mode, self.ring = SLOW, None
+            self.mode, self.ring, self.read = SLOW, None, None
 
     def _detach(self) -> None:
         """Work out the covariances that still lean on an engine which is about to have a life of its own."""
@@ -220,7 +218,7 @@ class UFIRState(WindowState):
         fork = object.__new__(type(self))
         live = {"F", "H", "Q", "R", "M", "B"}
         fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
-        fork._x_handed = fork._P_handed = fork.product = fork.ring = None
+        fork._x_handed = fork._P_handed = fork.put = fork.readers = None
         if self.engine is not None:
             fork.engine = self.engine.copy()
             fork.anchor = tuple(
@@ -232,11 +230,4 @@ class UFIRState(WindowState):
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         self._detach()
-        return {
-            **self.__dict__,
-            "_x_handed": None,
-            "_P_handed": None,
-            "product": None,
-            "views": [],
-            "ring": None,
-        }
+        return self.__dict__ | dict.fromkeys(("_x_handed", "_P_handed", "put", "readers"))

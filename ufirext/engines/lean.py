@@ -1,0 +1,135 @@
+"""The two things a hot path does with a buffer, as functions with nothing left to look up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from struct import Struct
+from struct import error as StructError  # noqa: N812
+from typing import Any, Protocol
+
+import numpy as np
+
+from .._arrays import Array
+
+__all__ = ["Buffer", "intake", "reading"]
+
+FLOAT = np.dtype(float)
+
+
+class Buffer(Protocol):
+    """Measurements in the rows of `free`, oldest first; `end` is one past the newest."""
+
+    free: Array
+    end: int
+    capacity: int
+
+    def compact(self) -> None:
+        """Move what is still needed to the front; called when the buffer is full."""
+
+
+def intake(buffer: Buffer) -> Callable[[Any], bool]:
+    """put(z): a finite z in one of filterpy's forms becomes the next row; anything else is left alone.
+
+    False, with nothing done, where z is missing, not finite, of another shape or type: that is for somebody
+    who can say what is wrong.
+    """
+    return {1: _intake_one, 2: _intake_two}.get(buffer.free.shape[1], _intake_many)(buffer)
+
+
+def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
+    cells, capacity = buffer.free.reshape(-1).data, buffer.capacity
+
+    def put(z: Any) -> bool:
+        kind = z.__class__
+        try:
+            value = z if kind is float else z.item() if kind is np.ndarray else float(z)
+            if value - value != 0.0:
+                return False
+            end = buffer.end
+            cells[end] = value
+        except (AttributeError, TypeError, ValueError, OverflowError):
+            return False
+        end += 1
+        buffer.end = end
+        if end == capacity:
+            buffer.compact()
+        return True
+
+    return put
+
+
+def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
+    # Positions in the plane are what most measure: worth a version of its own, a fifth of a step.
+    cells, capacity = buffer.free.reshape(-1).data, buffer.capacity
+    unpack: Callable[[Any], tuple[float, float]] = Struct("2d").unpack
+
+    def put(z: Any) -> bool:
+        if z.__class__ is not np.ndarray or z.dtype is not FLOAT or z.ndim > 2:
+            return False
+        try:
+            first, second = unpack(z)
+        except StructError:  # another size
+            return False
+        except ValueError:  # not contiguous
+            return put(z.copy()) if z.size == 2 else False
+        if first - first + second - second != 0.0:
+            return False
+        end = buffer.end
+        cells[end + end] = first
+        cells[end + end + 1] = second
+        end += 1
+        buffer.end = end
+        if end == capacity:
+            buffer.compact()
+        return True
+
+    return put
+
+
+def _intake_many(buffer: Buffer) -> Callable[[Any], bool]:
+    m, capacity = buffer.free.shape[1], buffer.capacity
+    numbers, width = Struct(f"{m}d"), m * FLOAT.itemsize
+    unpack: Callable[[Any], tuple[float, ...]] = numbers.unpack
+    pack_into, cells = numbers.pack_into, buffer.free.reshape(-1).data.cast("B")
+
+    def put(z: Any) -> bool:
+        if z.__class__ is not np.ndarray or z.dtype is not FLOAT or z.ndim > 2:
+            return False
+        try:
+            values = unpack(z)
+        except StructError:
+            return False
+        except ValueError:
+            return put(z.copy()) if z.size == m else False
+        total = sum(values)
+        if total - total != 0.0:
+            return False
+        end = buffer.end
+        pack_into(cells, end * width, *values)
+        end += 1
+        buffer.end = end
+        if end == capacity:
+            buffer.compact()
+        return True
+
+    return put
+
+
+def reading(buffer: Buffer, gain: Array, column: bool) -> Callable[[], Array]:
+    """read(): the gain on the rows up to the newest, as a fresh column (dim_x, 1) or flat."""
+    m = buffer.free.shape[1]
+    width = gain.shape[1]
+    product: Callable[[Array], Array] = gain.dot
+    flat = buffer.free.reshape(-1)
+    shape = (width, 1) if column else (width,)
+    # Looking a view up beats making it: every lap through the buffer meets the same ones.
+    views: list[Array | None] = [None] * (buffer.capacity + 1)
+
+    def read() -> Array:
+        end = buffer.end
+        view = views[end]
+        if view is None:
+            view = views[end] = flat[end * m - width : end * m].reshape(shape)
+        return product(view)
+
+    return read
