@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from ._arrays import Array, integer, readonly, symmetric
 from ._constant import PATH_ROUNDING, constant_covariance, constant_gain
-from .errors import HorizonError, UnobservableWindow
+from .errors import HorizonError, UfirextError, UnobservableWindow
 from .growing import grown_covariance, grown_gain, noise_paths, unwhitened
 from .model import Model
 from .window import Window, model_window
@@ -189,7 +190,14 @@ def exact_covariance(window: Window, K: Array) -> Array:
 
     P = sum_j D_j Q_j D_j' + sum_r g_r R_r g_r',  D_j = Phi(aim, j) - sum_{r: o_r >= j} g_r H_r Phi(o_r, j),
     by the backward recursion of `noise_paths`, which ends in D_0 = 0. Where rounding has grown too much on
-    the way (unstable F amplify it with every step), by the forward recursion, which is stable.
+    the way (unstable F amplify it with every step), by the forward recursion, which is stable. A row whose v
+    is correlated with the process noise of its origin, E[w v'] = M_r, takes away D_o M_r g_r' and its
+    transpose.
+
+    Raises
+    ------
+    UfirextError
+        If there are such rows and rounding has grown too much.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         rounding, *paths = noise_paths(window, K, [window.aim])
@@ -201,8 +209,26 @@ def exact_covariance(window: Window, K: Array) -> Array:
         D, Q = np.array(paths), np.array(window.Q[: len(paths)])
         noise += (D @ Q @ D.transpose(0, 2, 1)).sum(axis=0)
         rounding = rounding @ Q.sum(axis=0) @ rounding.T
+        if window.correlations:
+            noise -= _through_both(window, K, paths)
     if not (np.diag(rounding) <= PATH_ROUNDING**2 * np.diag(noise)).all():
+        if window.correlations:
+            raise UfirextError(
+                f"P of {len(window.H)} rows whose noise is correlated with the process noise has lost its "
+                "digits to the growth of F; shorten the horizon"
+            )
         grown = grown_covariance(window)
         if grown is not None:
             return grown
     return symmetric(noise)
+
+
+def _through_both(window: Window, K: Array, paths: Sequence[Array]) -> Array:
+    """What noises that enter the state and a row at once add to the covariance of K Z."""
+    result = np.zeros((window.dim_x, window.dim_x))
+    gains = np.split(K, window.starts[1:-1], axis=1)
+    for g, origin, M in zip(gains, window.origins, window.correlations, strict=True):
+        if M is not None and origin:  # what entered at the oldest origin is part of the unknown start
+            part = paths[origin - 1] @ M @ g.T
+            result += part + part.T
+    return result

@@ -31,7 +31,8 @@ class Row:
     """One measurement: `z` = H x_origin + v, cov v = R, received at step `arrival`.
 
     `shift` is the known change of the state between the reference of its origin and the row (an edit of x
-    made within the same step, before this row came), None when there is none.
+    made within the same step, before this row came), None when there is none. `correlation` is E[w v'] with
+    the process noise w that entered at the step of its origin, None where v knows nothing of it.
     """
 
     origin: int
@@ -40,6 +41,7 @@ class Row:
     R: Array
     z: Array
     shift: Array | None = None
+    correlation: Array | None = None
 
     @cached_property
     def whitener(self) -> Array:
@@ -87,6 +89,8 @@ class Window:
         Times of the rows, ascending, the first one 0.
     aim : int
         Time of the state that is wanted, 0 <= aim <= len(F).
+    correlations : sequence of (dim_x, m) or None, optional
+        E[w v'] of each row with the noise that entered at its origin; empty: none has any.
     """
 
     F: Sequence[Array]
@@ -96,6 +100,7 @@ class Window:
     origins: Sequence[int]
     aim: int
     whiteners: Sequence[Array] = field(default=())
+    correlations: Sequence[Array | None] = field(default=())
 
     @cached_property
     def dim_x(self) -> int:

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[2] / "ufirext"
 # What talks to files, terminals and pictures. Nothing else may depend on it.
 EDGES = {"certify_cli", "cli", "demo", "track"}
 # What the core may import beyond NumPy and SciPy, and where.
-FOREIGN = {"programs": {"cvxpy"}}
+FOREIGN = {"_array_api": {"array_api_compat"}, "programs": {"cvxpy"}}
 
 
 def _name(path: Path) -> str:

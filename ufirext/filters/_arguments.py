@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, column, matrix, real
-from ..errors import NonFiniteError
+from .._arrays import Array, column, integer, matrix, real
+from ..channels import Channel, TimeStamped
+from ..errors import NonFiniteError, UfirextError
 
 
 def measurement(z: ArrayLike | None, m: int) -> Array | None:
@@ -34,3 +35,23 @@ def input_vector(u: ArrayLike, size: int) -> Array:
     if not np.isfinite(flat).all():
         raise NonFiniteError(f"u must be finite, got {flat}")
     return flat
+
+
+def checked_channel(channel: Channel | None, max_delay: int | None) -> Channel | None:
+    """The channel, or the time-stamped one that `max_delay` is short for; both together are refused."""
+    if channel is None:
+        return None if max_delay is None else TimeStamped(integer(max_delay, "max_delay", 0))
+    if not isinstance(channel, Channel):
+        raise UfirextError(f"channel must be a Channel such as TimeStamped(3), got {channel!r}")
+    if max_delay is not None:
+        raise UfirextError(
+            "max_delay is short for channel=TimeStamped(max_delay): give one of them, "
+            f"got {max_delay} and {channel}"
+        )
+    return channel
+
+
+def late_channel(channel: Channel | None, max_delay: int) -> Channel:
+    """The channel of a filter that always has one; a max_delay of 0 beside a channel was not given."""
+    given = None if channel is not None and max_delay == 0 else max_delay
+    return checked_channel(channel, given) or TimeStamped()

@@ -18,6 +18,8 @@ from ._live import Live
 from ._ufir_state import POSTED, PREDICTED, UFIRState
 
 MODEL = ("F", "H", "Q", "R")
+# What an AdaptiveState holds beside what every UFIRState does.
+OWN = ("bank", "members", "current", "X", "stood", "foretold", "errors", "past", "fed", "white")
 
 
 class Member(UFIRState):
@@ -50,7 +52,7 @@ class Member(UFIRState):
         self.settle()
         self.predict(F, Q, known)
 
-    def feed(self, z: Array | None, H: Array, R: Array, delay: int) -> None:
+    def feed(self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None) -> None:
         """update() with measured components, on the hot path where it can be."""
         usual = self.mode == PREDICTED and delay == 0 and H is self.H.value and R is self.R.value
         if usual and self.take(z):
@@ -58,7 +60,7 @@ class Member(UFIRState):
             return
         self.taken = False
         self.settle()
-        self.update(z, H, R, delay, whole=z is not None)
+        self.update(z, H, R, delay, cross, whole=z is not None)
 
     def edit(self, delta: Array) -> None:
         """The owner's x was moved by `delta`."""
@@ -130,12 +132,12 @@ class AdaptiveState(UFIRState):
         new.policy, new.horizon, new.refreshed, new.stale = "adaptive", None, None, True
         return new
 
-    def single(self) -> UFIRState:
+    def single(self, kind: type[UFIRState]) -> UFIRState:
         """Go on as a filter with one horizon, from the longest window there is."""
-        new = UFIRState(
-            self.dim_x, self.dim_z, "auto", self.missing, "arrivals" if self.by_arrival else "origins"
-        )
-        new.__dict__.update({name: self.__dict__[name] for name in new.__dict__})
+        new = object.__new__(kind)
+        new.__dict__.update(self.__dict__)
+        for name in OWN:
+            del new.__dict__[name]
         new.engine = self._longest()
         return new
 
@@ -162,7 +164,7 @@ class AdaptiveState(UFIRState):
     def _open(self, candidates: tuple[int, ...]) -> None:
         past = self._longest()
         self.bank = HorizonBank(candidates)
-        self.members = [Member(self, horizon, past) for horizon in candidates]
+        self.members = [self._member(horizon, past) for horizon in candidates]
         self.engine = None
         self.current = candidates.index(self.bank.best)
         self.horizon = self.bank.best
@@ -174,6 +176,9 @@ class AdaptiveState(UFIRState):
         self.errors = None
         self.past = deque(maxlen=self.members[-1].limits.reach)
         self.fed = self.now
+
+    def _member(self, horizon: int, past: Records | None) -> Member:
+        return Member(self, horizon, past)
 
     def _longest(self) -> Records | None:
         """The past as far back as anything remembers it."""
@@ -267,7 +272,7 @@ class AdaptiveState(UFIRState):
         if delay and self._too_old(delay):
             self.dropped += 1
         for member in self.members:
-            member.feed(z, H, R, delay)
+            member.feed(z, H, R, delay, cross)
         nothing = Covariance.of(np.zeros((self.dim_x, len(z))))
         if any(member.taken for member in self.members):
             self._judge(z, H, R, delay)
@@ -308,21 +313,3 @@ class AdaptiveState(UFIRState):
         }
         fork.__dict__.update(own)
         return fork
-
-
-def new_state(dim_x: int, dim_z: int, policy: int | str, missing: str, window: str) -> UFIRState:
-    """The state object of a new filter."""
-    if policy == "adaptive":
-        return AdaptiveState(dim_x, dim_z, missing, window)
-    return UFIRState(dim_x, dim_z, policy, missing, window)
-
-
-def with_policy(state: UFIRState, policy: int | str) -> UFIRState:
-    """A filter's state object after its horizon was assigned; the window is kept."""
-    state.settle()
-    if policy == "adaptive":
-        return state if isinstance(state, AdaptiveState) else AdaptiveState.of(state)
-    if isinstance(state, AdaptiveState):
-        state = state.single()
-    state.set_policy(policy)
-    return state

@@ -148,11 +148,7 @@ class FMSState(FilterState):
             self._folds().edit(delta, self.updated)
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
-        if not R.any():
-            raise CovarianceError(
-                "R must not be zero, because its inverse weights the rows of the window, got zeros; "
-                "give the variance of the sensor's resolution"
-            )
+        check_weight(R)
         engine = self._begin(self.F.value, self.Q.value)
         if delay >= self.horizon:
             self.dropped += 1
@@ -165,17 +161,23 @@ class FMSState(FilterState):
         row = Row(self.now - delay, self.now, H, R, z)
         if folds.negligible(row):
             return None
-        folds.add(row)
-        folds.forget(self.limits)
-        solution = folds.solve(self.limits)
+        solution = self._entered(folds, row)
         if solution is not None:
             return self._solved(solution)
-        self.solution = None
-        if self.known is None:
-            self.known = Prior(self.now, self.x, self.P.value)
         if delay:
             return Covariance.of(np.zeros((self.dim_x, len(z))))
         return self._kalman(z, H, R, cross)
+
+    def _entered(self, folds: Segmented, row: Row) -> Solution | None:
+        """The row in the window, and what the window says; None where it does not determine the state."""
+        folds.add(row)
+        folds.forget(self.limits)
+        solution = folds.solve(self.limits)
+        if solution is None:
+            self.solution = None
+            if self.known is None:
+                self.known = Prior(self.now, self.x, self.P.value)
+        return solution
 
     def _solved(self, solution: Solution) -> Covariance:
         self.solution, self.ready_at, self.known = solution, self.now, None
@@ -324,3 +326,11 @@ class FMSState(FilterState):
         self.settle()
         torn = ("_x_handed", "_P_handed", "put", "read", "read_lagged")
         return self.__dict__ | dict.fromkeys(torn)
+
+
+def check_weight(R: Array) -> None:
+    if not R.any():
+        raise CovarianceError(
+            "R must not be zero, because its inverse weights the rows of the window, got zeros; "
+            "give the variance of the sensor's resolution"
+        )

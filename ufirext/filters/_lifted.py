@@ -25,7 +25,7 @@ class LiftedState(LateState):
     def _settled(self) -> Lifted:
         """The augmented state with x and P as they are now."""
         if self.P is not self.own_P:
-            self.tall = _with_marginal(self.tall, self.P.value)
+            self.tall = with_marginal(self.tall, self.P.value)
             self.own_P = self.P
         return self.tall
 
@@ -87,7 +87,7 @@ class LiftedState(LateState):
         return update(state.x, state.P, z, H, R, cross)
 
 
-def _with_marginal(state: Lifted, P: Array) -> Lifted:
+def with_marginal(state: Lifted, P: Array) -> Lifted:
     """Another covariance of the newest block; what the older ones are given the newest stays."""
     n = len(P)
     old, joint = state.P[:n, :n], state.P[n:, :n]

@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array, integer
+from ..channels import Channel
+from ._arguments import checked_channel
+from ._channel_states import fms_state
 from ._describe import describe
 from ._fms_state import FMSState
-from ._hot import HotFilter
+from ._windowed import WindowFilter
 
 __all__ = ["FMSFilterSmoother"]
 
 
-class FMSFilterSmoother(HotFilter):
+class FMSFilterSmoother(WindowFilter):
     """Minimum-variance unbiased filter and fixed-lag smoother over a finite window, with filterpy's verbs.
 
     The estimates of the newest state and of the one `lag` steps ago from the measurements of the last
@@ -31,6 +34,11 @@ class FMSFilterSmoother(HotFilter):
         Length of the window in steps.
     lag : int, optional
         Steps from the newest state back to the smoothed one, 0 <= lag < horizon.
+    channel : Channel, optional
+        What the network does to measurements: `TimeStamped`, `StampedLoss`, `BernoulliDelay`,
+        `CompensatedBernoulli`. Default: ``update(z, delay=k)`` takes any delay.
+    max_delay : int, optional
+        Short for ``channel=TimeStamped(max_delay)``.
 
     Attributes
     ----------
@@ -41,7 +49,9 @@ class FMSFilterSmoother(HotFilter):
     Raises
     ------
     HorizonError
-        For a horizon or lag out of range.
+        For a horizon or lag out of range; from `update`, for a delay that the channel cannot produce.
+    UfirextError
+        For a channel and a max_delay together.
     UnobservableWindow
         From the first verb, if the window can never determine the states; from `x_lag` and its kin, while the
         window does not determine that state.
@@ -71,14 +81,25 @@ class FMSFilterSmoother(HotFilter):
 
     _state: FMSState
 
-    def __init__(self, dim_x: int, dim_z: int, dim_u: int = 0, *, horizon: int, lag: int = 0) -> None:
+    def __init__(
+        self,
+        dim_x: int,
+        dim_z: int,
+        dim_u: int = 0,
+        *,
+        horizon: int,
+        lag: int = 0,
+        channel: Channel | None = None,
+        max_delay: int | None = None,
+    ) -> None:
         dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
         dim_u = integer(dim_u, "dim_u", 0)
         horizon, lag = _window(horizon, lag)
-        super().__init__(dim_x, dim_z, dim_u, FMSState(dim_x, dim_z, horizon, lag))
+        state = fms_state(dim_x, dim_z, horizon, lag, checked_channel(channel, max_delay))
+        super().__init__(dim_x, dim_z, dim_u, state)
 
     @classmethod
-    def from_filterpy(cls, kf: Any, horizon: int, lag: int = 0) -> FMSFilterSmoother:
+    def from_filterpy(cls, kf: Any, horizon: int, lag: int = 0, **options: Any) -> FMSFilterSmoother:
         """An FMSFilterSmoother with the model and state of a configured filterpy KalmanFilter.
 
         Parameters
@@ -86,8 +107,10 @@ class FMSFilterSmoother(HotFilter):
         kf : filterpy.kalman.KalmanFilter
             Or any object with its attributes.
         horizon, lag : int
+        **options
+            Further keywords of FMSFilterSmoother.
         """
-        new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, lag=lag)
+        new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, lag=lag, **options)
         new._take_over(kf)
         return new
 
@@ -138,11 +161,6 @@ class FMSFilterSmoother(HotFilter):
     # -- the window -------------------------------------------------------------------------------------
 
     @property
-    def ready(self) -> bool:
-        """True once the measurements in the window determine the state."""
-        return self._state.look().ready
-
-    @property
     def horizon(self) -> int:
         """Length of the window, steps; may be assigned."""
         return self._state.horizon
@@ -161,17 +179,6 @@ class FMSFilterSmoother(HotFilter):
     def lag(self, value: int) -> None:
         self._state.settle()
         self._state.set_window(*_window(self._state.horizon, value))
-
-    @property
-    def rows(self) -> int:
-        """Number of steps in the window with a measurement."""
-        solution = self._state.look().solution
-        return 0 if solution is None else solution.rows
-
-    @property
-    def dropped(self) -> int:
-        """Number of measurements that came too late to join the window."""
-        return self._state.dropped
 
     def certify(self, **options: Any) -> Any:
         """Certify the gain of the full window under the filter's model; see `ufirext.certify`.

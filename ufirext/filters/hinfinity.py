@@ -14,9 +14,10 @@ from ..channels import Channel
 from ..diagnostics import Guarantee, WorstCase
 from ..errors import UfirextError
 from ..recursions.hinfinity import Form
+from ._arguments import late_channel
 from ._describe import describe
 from ._robust import RobustState, Theta, checked_theta
-from .kalman import LateFilter, checked_channel
+from .kalman import LateFilter
 
 __all__ = ["DelayHInfinityFilter"]
 
@@ -122,7 +123,7 @@ class DelayHInfinityFilter(LateFilter):
         state = RobustState(
             dim_x,
             dim_z,
-            checked_channel(channel, max_delay),
+            late_channel(channel, max_delay),
             _checked_policy(theta),
             known,
             on_violation == "clip",

@@ -7,9 +7,10 @@ from typing import Any, get_args
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
-from ..channels import Channel, TimeStamped
+from ..channels import Channel
 from ..errors import UfirextError
 from ..recursions.delayed import Correlation
+from ._arguments import late_channel
 from ._delayed import RecursiveState
 from ._describe import describe
 from ._late import LateState
@@ -73,20 +74,6 @@ class LateFilter(FilterSurface):
     def ready(self) -> bool:
         """Always True: the filter starts from x and P."""
         return True
-
-
-def checked_channel(channel: Channel | None, max_delay: int) -> Channel:
-    """The channel, or the time-stamped one that `max_delay` is short for; both together are refused."""
-    if channel is None:
-        return TimeStamped(integer(max_delay, "max_delay", 0))
-    if not isinstance(channel, Channel):
-        raise UfirextError(f"channel must be a Channel such as TimeStamped(3), got {channel!r}")
-    if max_delay:
-        raise UfirextError(
-            "max_delay is short for channel=TimeStamped(max_delay): give one of them, "
-            f"got {max_delay} and {channel}"
-        )
-    return channel
 
 
 class DelayKalmanFilter(LateFilter):
@@ -159,7 +146,7 @@ class DelayKalmanFilter(LateFilter):
         dim_u = integer(dim_u, "dim_u", 0)
         if method not in METHODS:
             raise UfirextError(f"method must be one of {', '.join(map(repr, METHODS))}, got {method!r}")
-        channel = checked_channel(channel, max_delay)
+        channel = late_channel(channel, max_delay)
         self._method = method
         super().__init__(dim_x, dim_z, dim_u, _state(dim_x, dim_z, channel, method))
 

@@ -7,16 +7,18 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array, integer
+from ..channels import Channel
 from ..errors import UfirextError
-from ._bank import new_state, with_policy
+from ._arguments import checked_channel
+from ._channel_states import ufir_state, with_policy
 from ._describe import describe
-from ._hot import HotFilter
 from ._ufir_state import MISSING, WINDOWS, UFIRState, checked_horizon
+from ._windowed import WindowFilter
 
 __all__ = ["UFIRFilter"]
 
 
-class UFIRFilter(HotFilter):
+class UFIRFilter(WindowFilter):
     """Unbiased finite impulse response filter, a drop-in for ``filterpy.kalman.KalmanFilter``.
 
     x^_n = K Z over the measurements of the last `horizon` steps, with the unbiased gain K = T C+ of least
@@ -37,12 +39,25 @@ class UFIRFilter(HotFilter):
         few instants (default); leave it out; put the filter's own prediction in its place (as the papers do).
     window : {"arrivals", "origins"}
         A window holds the rows that arrived, or the rows of states that lie, in the last `horizon` steps.
+    channel : Channel, optional
+        What the network does to measurements: `TimeStamped`, `StampedLoss`, `BernoulliDelay`,
+        `CompensatedBernoulli`. Default: ``update(z, delay=k)`` takes any delay.
+    max_delay : int, optional
+        Short for ``channel=TimeStamped(max_delay)``.
 
     Attributes
     ----------
     x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood,
     mahalanobis
         As in filterpy. P is the exact error covariance of x under Q and R, computed when read.
+
+    Raises
+    ------
+    UfirextError
+        For an unknown option, or a channel and a max_delay together; from `update`, if F is singular where a
+        channel without time stamps must invert it.
+    HorizonError
+        For a horizon that is none; from `update`, for a delay that the channel cannot produce.
 
     Notes
     -----
@@ -75,15 +90,17 @@ class UFIRFilter(HotFilter):
         horizon: int | str = "auto",
         missing: str = "extend",
         window: str = "arrivals",
+        channel: Channel | None = None,
+        max_delay: int | None = None,
     ) -> None:
         dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
         dim_u = integer(dim_u, "dim_u", 0)
         for name, value, allowed in (("missing", missing, MISSING), ("window", window, WINDOWS)):
             if value not in allowed:
                 raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
-        super().__init__(
-            dim_x, dim_z, dim_u, new_state(dim_x, dim_z, checked_horizon(horizon), missing, window)
-        )
+        channel = checked_channel(channel, max_delay)
+        state = ufir_state(dim_x, dim_z, checked_horizon(horizon), missing, window, channel)
+        super().__init__(dim_x, dim_z, dim_u, state)
 
     @classmethod
     def from_filterpy(cls, kf: Any, horizon: int | str = "auto", **options: Any) -> UFIRFilter:
@@ -102,11 +119,6 @@ class UFIRFilter(HotFilter):
         return new
 
     # -- beyond filterpy -------------------------------------------------------------------------------------
-
-    @property
-    def ready(self) -> bool:
-        """True once the rows in the window determine the state."""
-        return self._state.ready
 
     @property
     def horizon(self) -> int | None:
@@ -129,17 +141,6 @@ class UFIRFilter(HotFilter):
         if solution is None:
             return np.full((self.dim_x, self.dim_x), np.nan)
         return solution.gain.value @ solution.gain.value.T
-
-    @property
-    def rows(self) -> int:
-        """Number of measurements in the window."""
-        solution = self._state.look().solution
-        return 0 if solution is None else solution.rows
-
-    @property
-    def dropped(self) -> int:
-        """Number of measurements that came too late to join the window."""
-        return self._state.dropped
 
     def smoothed(self, lag: int) -> tuple[Array, Array]:
         """The state `lag` steps ago, from the same window, and its exact covariance.

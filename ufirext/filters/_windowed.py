@@ -1,0 +1,53 @@
+"""What the filters with a finite memory add to filterpy's face."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from ..channels import Channel
+from ._channel_rows import ChannelState
+from ._hot import HotFilter
+
+
+class Windowed(Protocol):
+    """What a window says of itself."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether the rows within reach determine the state."""
+
+    dropped: int
+    solution: Any
+
+
+class WindowFilter(HotFilter):
+    """A filter that remembers a window of measurements."""
+
+    @property
+    def channel(self) -> Channel | None:
+        """What the network does to measurements, None where nothing was said."""
+        state = self._state
+        return state.channel if isinstance(state, ChannelState) else None
+
+    @property
+    def max_delay(self) -> int | None:
+        """The oldest measurement that can come, in steps; None without a channel."""
+        return None if self.channel is None else self.channel.max_delay
+
+    @property
+    def ready(self) -> bool:
+        """True once the rows in the window determine the state."""
+        state: Windowed = self._state  # type: ignore[assignment]
+        return state.ready
+
+    @property
+    def rows(self) -> int:
+        """Number of measurements in the window; for minimum variance, of steps that have any."""
+        state: Windowed = self._state.look()  # type: ignore[assignment]
+        return 0 if state.solution is None else int(state.solution.rows)
+
+    @property
+    def dropped(self) -> int:
+        """Number of measurements left out: too late to join the window, or duplicates."""
+        state: Windowed = self._state  # type: ignore[assignment]
+        return state.dropped

@@ -1,0 +1,1 @@
+"""The numerical validation suite: every table and figure of the four papers, claim by claim."""

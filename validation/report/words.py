@@ -1,0 +1,76 @@
+"""Numbers, tolerances and counts in words, the same in every form of the report."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+
+from validation.claims import Claim, Interval, Reported, Tolerance, Verdict
+from validation.results import Drift
+
+__all__ = ["MEANING", "allowed", "counted", "number", "ours", "reported", "shift"]
+
+MEANING = {
+    Verdict.REPRODUCED: "equal up to the printed digits, or the statement holds",
+    Verdict.SAMPLING: "equal up to the chance of the simulated runs",
+    Verdict.EXPLAINED: "another number, which the reason given predicts",
+    Verdict.DIFFERS: "another number, and no reason that predicts it",
+    Verdict.CANNOT_RUN: "what it needs is not here",
+    Verdict.NOT_RUN: "promised, but nobody ran it",
+}
+
+
+def number(value: float | str, digits: int = 4) -> str:
+    """Four significant digits; large and small ones with a power of ten."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int) or not math.isfinite(value):
+        return {"inf": "∞", "-inf": "−∞", "nan": "–"}.get(str(value), str(value))
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, _, power = text.partition("e")
+        return f"{mantissa}e{int(power)}"
+    return text
+
+
+def reported(value: Reported | None) -> str:
+    """A printed number as a number, a statement in its words."""
+    if value is None:
+        return "–"
+    return str(value) if isinstance(value, Interval) else number(value)
+
+
+def ours(claim: Claim) -> str:
+    """Our number with its unit, and the standard error of the comparison where there is one."""
+    if claim.ours is None:
+        return "–"
+    error = f" ± {number(claim.standard_error, 2)}" if claim.standard_error else ""
+    return f"{number(claim.ours)}{error}{' ' if claim.unit else ''}{claim.unit}"
+
+
+def allowed(tolerance: Tolerance) -> str:
+    """What a tolerance allows."""
+    parts = [
+        number(tolerance.absolute, 2) if tolerance.absolute else "",
+        f"{100 * tolerance.relative:.3g} %" if tolerance.relative else "",
+        f"{tolerance.sigmas:g} s.e." if tolerance.sigmas else "",
+    ]
+    return " + ".join(filter(None, parts)) or "exact"
+
+
+def counted(claims: Iterable[Claim]) -> dict[Verdict, int]:
+    """Verdict -> how many, in the order of the verdicts, those that occur."""
+    counts = Counter(claim.verdict for claim in claims)
+    return {verdict: counts[verdict] for verdict in Verdict if counts[verdict]}
+
+
+def shift(moved: Drift) -> tuple[str, str]:
+    """Before and after, in words."""
+    return _state(moved.before, "new claim"), _state(moved.after, "no such claim any more")
+
+
+def _state(claim: Claim | None, absent: str) -> str:
+    if claim is None:
+        return absent
+    return f"{number(claim.ours, 10) if claim.ours is not None else '–'} ({claim.verdict})"
