@@ -56,8 +56,8 @@ PANELS = (
     "true. The smoother's error is drawn at the step when it is known, 5 steps late."
 )
 MODEST = (
-    "The paper calls the FMS filter's error remarkably smaller where the acceleration jumps. The peaks are the "
-    "same, for both filters first have to see the jump; what differs is how soon it is forgotten."
+    "The paper calls the FMS filter's error remarkably smaller where the acceleration jumps. The peaks are "
+    "the same, for both filters first have to see the jump; what differs is how soon it is forgotten."
 )
 
 
@@ -103,7 +103,7 @@ def _run(item: str, shape: str, jumps: tuple[int, ...], study: Study) -> Outcome
         claims += _jump_claims(claim, found, alone, jumps)
     else:
         claims += _slow_claims(claim, found, alone)
-    picture = partial(draw, study.seed("picture"), acceleration)
+    picture = partial(draw, study.seed("picture"), acceleration, jumps)
     return Outcome(claims, figure=picture, notes=[PANELS, *([MODEST] if jumps else [])])
 
 
@@ -178,12 +178,37 @@ def _settling(error: Array, jump: int, limit: float) -> int:
     return int(above[-1]) + 1 if above.size else 0
 
 
-def draw(seed: np.random.SeedSequence, acceleration: Array) -> Figure:
-    """The paper's three panels."""
+def draw(seed: np.random.SeedSequence, acceleration: Array, jumps: tuple[int, ...]) -> Figure:
+    """The paper's three panels, with a close-up of the last jump where there is one."""
     x, z = simulate(np.random.default_rng(seed), acceleration, RUNS)
     found = estimates(z)
-    figure = new_figure(8.5, 8.0)
-    upper, middle, lower = figure.subplots(3, 1, sharex=True)
+    figure = new_figure(9.0, 8.0)
+    panels = figure.subplots(3, 1 + bool(jumps), sharex="col", width_ratios=[2.2, 1][: 1 + bool(jumps)])
+    panels = panels.reshape(3, -1)
+    for column in panels.T:
+        _draw_column(column, x, found, acceleration)
+    for axes, label in zip(
+        panels[:, 0],
+        ("RMS position error, m", "position error of one run, m", "acceleration of this run, m/s²"),
+        strict=True,
+    ):
+        axes.set_ylabel(label)
+    for axes in panels[2]:
+        axes.set_xlabel("time step i (2 s)")
+    if jumps:
+        for axes in panels[:, 1]:
+            axes.set_xlim(jumps[-1] - 10, jumps[-1] + 40)
+        panels[0, 1].set_title("close-up", loc="left", fontsize=10)
+    for row in (0, 2):
+        handles, labels = panels[row, 0].get_legend_handles_labels()
+        panels[row, 0].legend(handles, labels, loc="lower left", bbox_to_anchor=(0, 1), ncols=4, borderpad=0)
+    return figure
+
+
+def _draw_column(column: Array, x: Array, found: dict[str, Array], acceleration: Array) -> None:
+    upper, middle, lower = column
+    lower.plot(acceleration, color=INK, linestyle=":", linewidth=1.5, label="unknown part")
+    lower.plot(x[:, 2, 0], color=INK, linewidth=1.2, label="true")
     for name, error in errors(x, found).by.items():
         look = {"color": COLOURS[name], "label": name, "linewidth": 0.9}
         look |= {"linestyle": "--"} if name == KALMAN else {}
@@ -192,12 +217,4 @@ def draw(seed: np.random.SeedSequence, acceleration: Array) -> Figure:
         middle.plot(steps, error[:, 0], **look)
         if name != SMOOTHER:
             lower.plot(steps, found[name][M:, 2, 0], **look)
-    lower.plot(acceleration, color=INK, linestyle=":", linewidth=2, label="true, without noise")
-    upper.set_ylabel("RMS position error, m")
-    middle.set_ylabel("position error of one run, m")
-    lower.set_ylabel("acceleration, m/s²")
-    lower.set_xlabel("time step i (2 s)")
     upper.set_ylim(bottom=0.0)
-    upper.legend(loc="upper right", ncols=3)
-    lower.legend(loc="upper right", ncols=3)
-    return figure
