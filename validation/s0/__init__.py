@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from validation.item import Item
-from validation.s0 import fig_3
+from validation.s0 import fig_3, fig_4, fig_5
 
 __all__ = ["ITEMS"]
 
-ITEMS: tuple[Item, ...] = (fig_3.ITEM,)
+ITEMS: tuple[Item, ...] = (fig_3.ITEM, fig_4.ITEM, fig_5.ITEM)
