@@ -12,7 +12,7 @@ import numpy as np
 from ._arrays import Array, integer, readonly, symmetric
 from ._constant import PATH_ROUNDING, constant_covariance, constant_gain
 from .errors import HorizonError, UfirextError, UnobservableWindow
-from .growing import grown_covariance, grown_gain, noise_paths, unwhitened
+from .growing import grown_covariance, grown_gain, noise_paths, root, unwhitened
 from .model import Model
 from .window import Window, model_window
 
@@ -190,9 +190,8 @@ def exact_covariance(window: Window, K: Array) -> Array:
 
     P = sum_j D_j Q_j D_j' + sum_r g_r R_r g_r',  D_j = Phi(aim, j) - sum_{r: o_r >= j} g_r H_r Phi(o_r, j),
     by the backward recursion of `noise_paths`, which ends in D_0 = 0. Where rounding has grown too much on
-    the way (unstable F amplify it with every step), by the forward recursion, which is stable. A row whose v
-    is correlated with the process noise of its origin, E[w v'] = M_r, takes away D_o M_r g_r' and its
-    transpose.
+    the way (unstable F amplify it with every step), by the forward recursion, which is stable. Rows may be
+    correlated with the process noise of their origin (`Row.correlation`).
 
     Raises
     ------
@@ -204,13 +203,13 @@ def exact_covariance(window: Window, K: Array) -> Array:
         noise = np.zeros_like(rounding)
         for g, R in zip(np.split(K, window.starts[1:-1], axis=1), window.R, strict=True):
             noise += g @ R @ g.T
+        if window.correlations:
+            noise -= _through_both(window, K, paths)
         if not paths:
             return symmetric(noise)
         D, Q = np.array(paths), np.array(window.Q[: len(paths)])
         noise += (D @ Q @ D.transpose(0, 2, 1)).sum(axis=0)
         rounding = rounding @ Q.sum(axis=0) @ rounding.T
-        if window.correlations:
-            noise -= _through_both(window, K, paths)
     if not (np.diag(rounding) <= PATH_ROUNDING**2 * np.diag(noise)).all():
         if window.correlations:
             raise UfirextError(
@@ -224,11 +223,18 @@ def exact_covariance(window: Window, K: Array) -> Array:
 
 
 def _through_both(window: Window, K: Array, paths: Sequence[Array]) -> Array:
-    """What noises that enter the state and a row at once add to the covariance of K Z."""
+    """What process noises that enter rows as well, one or several, take from the covariance of K Z."""
     result = np.zeros((window.dim_x, window.dim_x))
+    shares: dict[int, Array] = {}
     gains = np.split(K, window.starts[1:-1], axis=1)
-    for g, origin, M in zip(gains, window.origins, window.correlations, strict=True):
-        if M is not None and origin:  # what entered at the oldest origin is part of the unknown start
-            part = paths[origin - 1] @ M @ g.T
+    for g, origin, N in zip(gains, window.origins, window.correlations, strict=True):
+        if N is not None:
+            share = N @ g.T
+            result += share.T @ share
+            shares[origin] = shares[origin] + share if origin in shares else share
+    for origin, share in shares.items():
+        result -= share.T @ share
+        if origin:  # what entered at the oldest origin is part of the unknown start
+            part = paths[origin - 1] @ root(window.Q[origin - 1]) @ share
             result += part + part.T
     return result

@@ -31,8 +31,9 @@ class Row:
     """One measurement: `z` = H x_origin + v, cov v = R, received at step `arrival`.
 
     `shift` is the known change of the state between the reference of its origin and the row (an edit of x
-    made within the same step, before this row came), None when there is none. `correlation` is E[w v'] with
-    the process noise w that entered at the step of its origin, None where v knows nothing of it.
+    made within the same step, before this row came), None when there is none. `correlation`,
+    (dim_x, rows of H), is E[e v'] with the process noise w = root(Q) e, cov e = 1, that entered at the step
+    of its origin; None where v knows nothing of it.
     """
 
     origin: int
@@ -90,7 +91,7 @@ class Window:
     aim : int
         Time of the state that is wanted, 0 <= aim <= len(F).
     correlations : sequence of (dim_x, m) or None, optional
-        E[w v'] of each row with the noise that entered at its origin; empty: none has any.
+        Those of the rows; empty where none has any.
     """
 
     F: Sequence[Array]

@@ -38,7 +38,7 @@ class Varying(Records):
         engine = object.__new__(cls)
         engine.__dict__.update(records.__dict__)
         engine.limits = limits
-        engine.by_key = {}
+        engine.by_key, engine.active, engine.following = {}, None, None
         engine.spread = 0
         engine.counts, engine.path, engine.x_u, engine.rebuilt = {}, {}, None, records.now
         for row in records.rows:

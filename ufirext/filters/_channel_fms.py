@@ -31,7 +31,7 @@ class AveragedFMSState(AveragedRows, FMSState):
     @property
     def limits(self) -> Limits:
         """The window's rules; the row of a state belongs to the state before."""
-        return super().limits._replace(horizon=self.horizon + 1)
+        return super().limits._replace(horizon=self.horizon + self.channel.max_delay)
 
     def _ring(self, engine: Segmented, F: Array, Q: Array) -> PairRing | None:
         return None

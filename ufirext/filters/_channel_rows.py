@@ -18,6 +18,7 @@ from ..engines.covariance import Covariance
 from ..engines.records import Records, Solution, Stack, measured
 from ..engines.ring import Ring
 from ..engines.varying import Varying
+from ..growing import root
 from ..recursions.augmented import Lifted
 from ..window import Row
 from ._late import LateUpdate
@@ -161,6 +162,9 @@ class CorrelatedWindow(WindowState):
         correlation, self.correlation = self.correlation, None
         if isinstance(engine, Ring):
             raise RuntimeError("a ring holds no correlated rows")
+        if correlation is not None:
+            unit = root(engine.step(self.now - delay).Q)
+            correlation = np.linalg.lstsq(unit, correlation, rcond=None)[0]
         row = Row(self.now - delay, self.now, H, R, z, correlation=correlation)
         if engine.negligible(row):
             return False, None
