@@ -43,6 +43,7 @@ class Face:
 FILTERPY = Face("filterpy", KalmanFilter)
 UFIR = tuple(Face(f"ufir-{n}", partial(UFIRFilter, horizon=n), n) for n in HORIZONS)
 OTHERS = (
+    Face("ufir-late", partial(UFIRFilter, horizon=8, max_delay=3), 8),
     Face("fms", partial(FMSFilterSmoother, horizon=9, lag=2), 9),
     Face("delay-kalman", partial(DelayKalmanFilter, max_delay=3)),
     Face("delay-hinfinity", DelayHInfinityFilter, kalman=False),
