@@ -24,7 +24,9 @@ MODULES = sorted((ROOT / "ufirext").rglob("*.py"))
 FLAGS = ELLIPSIS | NORMALIZE_WHITESPACE
 
 # Fences that show something without claiming that it runs.
-SHOWN = {"console", "text", "csv", "{eval-rst}", "{include}", "{toctree}", "{math}"}
+SHOWN = {"console", "text", "csv"} | {
+    f"{{{directive}}}" for directive in ("bibliography", "eval-rst", "include", "math", "raw", "toctree")
+}
 EXECUTED = {"python", "bash", "toml"}
 
 
