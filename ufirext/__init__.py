@@ -19,6 +19,7 @@ _HOME = {
     "DelayKalmanFilter": "filters.kalman",
     "FMSFilterSmoother": "filters.fms",
     "FMSGain": "fms",
+    "Fleet": "fleet",
     "Gain": "gains",
     "Guarantee": "diagnostics",
     "HorizonError": "errors",
@@ -27,6 +28,8 @@ _HOME = {
     "Model": "model",
     "NonFiniteError": "errors",
     "OFIRGain": "optimal_fir",
+    "SeriesEstimate": "series",
+    "SeriesPlan": "series",
     "ShapeError": "errors",
     "StampedLoss": "channels",
     "ThetaTooLarge": "recursions",
@@ -39,10 +42,12 @@ _HOME = {
     "best_horizon": "horizon",
     "certify": "certificates",
     "discretise": "model",
+    "filter_series": "series",
     "fms_gain": "fms",
     "kinematic": "model",
     "minimum_variance_gain": "minimum_variance",
     "ofir": "optimal_fir",
+    "series_plan": "series",
     "ufir_gain": "gains",
     "worst_case_gain": "diagnostics",
 }
@@ -57,6 +62,7 @@ __all__ = [
     "DelayKalmanFilter",
     "FMSFilterSmoother",
     "FMSGain",
+    "Fleet",
     "Gain",
     "Guarantee",
     "HorizonError",
@@ -65,6 +71,8 @@ __all__ = [
     "Model",
     "NonFiniteError",
     "OFIRGain",
+    "SeriesEstimate",
+    "SeriesPlan",
     "ShapeError",
     "StampedLoss",
     "ThetaTooLarge",
@@ -77,10 +85,12 @@ __all__ = [
     "best_horizon",
     "certify",
     "discretise",
+    "filter_series",
     "fms_gain",
     "kinematic",
     "minimum_variance_gain",
     "ofir",
+    "series_plan",
     "ufir_gain",
     "worst_case_gain",
 ]
@@ -101,6 +111,7 @@ if TYPE_CHECKING:
     from .filters.hinfinity import DelayHInfinityFilter
     from .filters.kalman import DelayKalmanFilter
     from .filters.ufir import UFIRFilter
+    from .fleet import Fleet
     from .fms import FMSGain, fms_gain
     from .gains import Gain, ufir_gain
     from .horizon import best_horizon
@@ -109,6 +120,7 @@ if TYPE_CHECKING:
     from .model import Model, discretise, kinematic
     from .optimal_fir import OFIRGain, ofir
     from .recursions import ThetaTooLarge, augmented_model
+    from .series import SeriesEstimate, SeriesPlan, filter_series, series_plan
 
 
 def __getattr__(name: str) -> Any:

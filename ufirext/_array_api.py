@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ._arrays import Array
 from .errors import NonFiniteError, ShapeError, UfirextError
 
 __all__ = ["Space", "is_native"]
@@ -87,9 +86,18 @@ class Space:
         return self.xp is np
 
     @property
+    def placed(self) -> dict[str, Any]:
+        """Keywords that make a new array of this space's device."""
+        return {} if self.native else {"device": self.device}
+
+    @property
     def eps(self) -> float:
         """Spacing of the dtype's numbers at 1."""
         return float(self.xp.finfo(self.dtype).eps)
+
+    def dtype_of(self, dtype: np.dtype[Any]) -> Any:
+        """What the library calls a NumPy dtype."""
+        return dtype if self.native else getattr(self.xp, dtype.name)
 
     def array(self, value: Any, name: str) -> Any:
         """A caller's array in this space; other libraries and devices are refused, other dtypes converted."""
@@ -102,12 +110,12 @@ class Space:
             raise UfirextError(f"{name} must be {self}, as before, got {type(value)!r} on {value.device}")
         return self.xp.astype(value, self.dtype, copy=False)
 
-    def constant(self, values: Array) -> Any:
-        """A float64 matrix of ours as an array of this space."""
+    def constant(self, values: np.ndarray[Any, Any]) -> Any:
+        """An array of ours as an array of this space."""
         if self.native:
             return np.ascontiguousarray(values, dtype=self.dtype)
         # A read-only array shared with another library would be writeable there: hand over a copy.
-        return self.xp.asarray(np.array(values, dtype=float), dtype=self.dtype, device=self.device)
+        return self.xp.asarray(np.array(values), dtype=self.dtype, device=self.device)
 
     def indices(self, values: np.ndarray[Any, Any]) -> Any:
         """Integers or booleans of ours as an array of this space."""
