@@ -201,6 +201,11 @@ class Claim:
             return Verdict.EXPLAINED
         return Verdict.DIFFERS
 
+    @property
+    def agrees(self) -> bool:
+        """Whether ours is what is reported, up to the tolerance."""
+        return self.verdict in (Verdict.REPRODUCED, Verdict.SAMPLING)
+
     def _allowed(self, reported: Reported) -> float:
         return self.tolerance.exact(_scale(reported)) + self.tolerance.sigmas * self.standard_error
 

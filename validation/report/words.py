@@ -25,8 +25,8 @@ def number(value: float | str, digits: int = 4) -> str:
     """Four significant digits; large and small ones with a power of ten."""
     if isinstance(value, str):
         return value
-    if isinstance(value, int) or not math.isfinite(value):
-        return {"inf": "∞", "-inf": "−∞", "nan": "–"}.get(str(value), str(value))
+    if not value or isinstance(value, int) or not math.isfinite(value):
+        return {"inf": "∞", "-inf": "−∞", "nan": "–", "0.0": "0", "-0.0": "0"}.get(str(value), str(value))
     text = f"{value:.{digits}g}"
     if "e" in text:
         mantissa, _, power = text.partition("e")
