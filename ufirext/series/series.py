@@ -1,0 +1,253 @@
+"""filter_series: whole recorded series through the finite-memory filters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._arrays import Array, integer
+from ..errors import UfirextError
+from ..filters._window_state import MISSING, WINDOWS
+from ..gains import require_determined
+from ..model import Model
+from ..window import model_window
+from . import arguments
+from .constant import Tick, convolved, head_covariances
+from .estimate import SeriesEstimate
+from .plan import SeriesPlan, chosen_horizon, model_with, series_plan
+from .progress import Progress, ticking
+from .request import PerStep, Request
+from .stepwise import stepwise, stepwise_covariances
+
+__all__ = ["filter_series"]
+
+ENGINES = ("auto", "toeplitz", "stepwise", "numba")
+
+
+def filter_series(
+    model: Model,
+    zs: ArrayLike,
+    horizon: int | str,
+    *,
+    lag: int = 0,
+    us: ArrayLike | None = None,
+    delays: ArrayLike | None = None,
+    missing: str = "extend",
+    noise: tuple[ArrayLike, ArrayLike] | None = None,
+    window: str = "arrivals",
+    engine: str = "auto",
+    out: Array | None = None,
+    progress: Progress = False,
+    prior: tuple[ArrayLike, ArrayLike] | None = None,
+    Fs: ArrayLike | None = None,
+    Qs: ArrayLike | None = None,
+    Hs: ArrayLike | None = None,
+    Rs: ArrayLike | None = None,
+) -> SeriesEstimate:
+    """Filter whole series: the numbers of the streaming classes, thousands of times faster where possible.
+
+    Every estimate depends on the measurements of its window alone, so that all of a series can be worked out
+    at once. Of a constant model without holes it is one block-Toeplitz matrix product.
+
+    Parameters
+    ----------
+    model : Model
+    zs : array_like, (T, dim_z) or (S, T, dim_z)
+        One series, or S of them; (T,) where dim_z is 1. NaN (or None in a list) is a missing component.
+    horizon : int or "auto"
+        Length of the window in steps; "auto" is `best_horizon` of the model.
+    lag : int, optional
+        Row n of the result is the state of step n - lag.
+    us : array_like, (T, dim_u) or (S, T, dim_u), optional
+        Known inputs: u of step n enters on the way from step n - 1 to n, as in ``predict(u)``.
+    delays : array_like of int, (T,) or (S, T), optional
+        The measurement that came in step n is of the state of step n - delays[n].
+    missing : {"extend", "skip", "predict"}
+        What a step without a measurement does, as in `UFIRFilter`.
+    noise : (Q, R), optional
+        None: UFIR, which needs no Q. A pair: minimum variance under it, as in `FMSFilterSmoother`.
+    window : {"arrivals", "origins"}
+        As in `UFIRFilter`.
+    engine : {"auto", "toeplitz", "stepwise", "numba"}
+        How it is done; all give the same numbers. "stepwise" goes through the streaming classes.
+    out : ndarray of float, optional
+        Where x is written, in the shape of x; may be memory-mapped.
+    progress : bool or callable
+        True shows a bar (needs rich); a callable is called with (samples done, samples in all).
+    prior : (x, P), optional
+        State before the first step and its covariance, one for all series or one each. With it the rows
+        before the window suffices are the Kalman filter's; without it they are NaN.
+    Fs, Qs, Hs, Rs : array_like, (T, ..), optional
+        Matrices of each step in place of the model's, as in filterpy's ``batch_filter``.
+
+    Returns
+    -------
+    SeriesEstimate
+        ``.x`` (T, dim_x) or (S, T, dim_x), ``.ready``, ``.horizon``, and ``.P`` once somebody reads it.
+
+    Raises
+    ------
+    UnobservableWindow
+        If full windows of a constant model cannot determine the state.
+    ValueError
+        For wrong shapes, infinite measurements, words that are none of those above.
+
+    Notes
+    -----
+    Windows of N measurements are a convolution with N matrices g_i. Blocks of B outputs share their samples;
+    because g_i is a sum of few exponentials, those that all outputs of a block share enter through a few
+    moments. The cost is flat in N, nothing is recursive, and nothing drifts. `series_plan` shows the plan.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ufirext import filter_series, kinematic
+    >>> path = 0.5 * np.arange(1000.0)
+    >>> filter_series(kinematic(1, 1, 0.1), path, horizon=50).x[-1].round(6)
+    array([499.5,   5. ])
+    """
+    arguments.one_of(engine, ENGINES, "engine")
+    series, many = arguments.as_series(zs, model.dim_z)
+    given = {"F": Fs, "Q": Qs, "H": Hs, "R": Rs}
+    changing = PerStep(**arguments.as_per_step(given, model, series.shape[1]))
+    horizon, lag = _window(model, horizon, lag, changing)
+    shape = series.shape[:2]
+    request = Request(
+        model=model_with(model, noise),
+        z=series,
+        horizon=horizon,
+        lag=lag,
+        unbiased=noise is None,
+        missing=missing,
+        by_arrival=window == "arrivals",
+        us=arguments.as_inputs(us, model, shape),
+        delays=arguments.as_delays(delays, shape),
+        prior=arguments.as_prior(prior, model, shape[0]),
+        per_step=changing,
+    )
+    _require_possible(request, window)
+    x = arguments.as_output(out, (*shape, model.dim_x) if many else (shape[1], model.dim_x))
+    ready: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
+    regular = _regular(request, engine)
+    with ticking(progress, shape[0] * shape[1]) as tick:
+        _run(request, regular, x if many else x[None], ready, tick)
+    covariances = partial(_covariances, request, regular, many)
+    return SeriesEstimate(x, ready if many else ready[0], horizon, lag, covariances)
+
+
+def _window(model: Model, horizon: int | str, lag: int, changing: PerStep) -> tuple[int, int]:
+    """Horizon and lag, checked; a constant model must determine its states within full windows."""
+    chosen = chosen_horizon(model, horizon)
+    lag = integer(lag, "lag", 0, chosen - 1, "the window holds horizon states, up to the newest one")
+    if changing.F is None and changing.H is None:
+        require_determined(model_window(model, chosen, lag), model, chosen)
+    return chosen, lag
+
+
+def _require_possible(request: Request, window: str) -> None:
+    """Refuse combinations that no filter of the library has."""
+    arguments.one_of(window, WINDOWS, "window")
+    arguments.one_of(request.missing, MISSING, "missing")
+    if request.prior is not None and request.lag:
+        raise UfirextError(
+            f"a prior needs lag=0, because the warm-up has no lagged states, got lag={request.lag}"
+        )
+    if request.unbiased:
+        return
+    if request.missing != "extend":
+        raise UfirextError(
+            f'minimum variance needs missing="extend", the only way its filter has, got {request.missing!r}'
+        )
+    if request.delays is not None and window == "arrivals":
+        raise UfirextError(
+            'minimum variance with delays needs window="origins": its window holds the states of the last '
+            "horizon steps"
+        )
+
+
+def _regular(request: Request, engine: str) -> NDArray[np.bool_]:
+    """Which series one convolution filters."""
+    broken = arguments.holes(request.z)
+    simple = request.per_step.empty and request.delays is None and request.us is None
+    if engine == "stepwise" or not simple:
+        broken[:] = True
+    if engine == "toeplitz" and broken.any():
+        raise UfirextError(
+            'engine="toeplitz" needs a constant model and series without holes, delays and inputs; '
+            'use engine="auto"'
+        )
+    return ~broken
+
+
+def _run(
+    request: Request, regular: NDArray[np.bool_], x: Array, ready: NDArray[np.bool_], tick: Tick
+) -> None:
+    if regular.all():
+        _constant(request, x, ready, tick)
+        return
+    if not regular.any():
+        stepwise(request, x, ready, tick=tick)
+        return
+    for chosen, run in ((regular, _constant), (~regular, _by_steps)):
+        part, seen = (
+            np.empty((int(chosen.sum()), *x.shape[1:])),
+            np.zeros((int(chosen.sum()), x.shape[1]), bool),
+        )
+        run(request.only(chosen), part, seen, tick)
+        x[chosen], ready[chosen] = part, seen
+
+
+def _by_steps(request: Request, x: Array, ready: NDArray[np.bool_], tick: Tick) -> None:
+    stepwise(request, x, ready, tick=tick)
+
+
+def _constant(request: Request, x: Array, ready: NDArray[np.bool_], tick: Tick) -> None:
+    """A constant model and series without holes."""
+    plan = _plan(request)
+    convolved(plan.convolution, request.z, x, plan.alignment, tick)
+    begin = min(plan.horizon - 1, request.steps)
+    if begin and plan.head is None:
+        stepwise(request, x, ready, stop=begin)
+        ready[:, begin:] = True
+        return
+    if begin:
+        x[:, :begin] = plan.head_states(np.asarray(request.z[:, :begin], dtype=float))
+    ready[:, plan.first - 1 :] = True
+    if request.prior is not None and plan.first > 1:
+        stepwise(request, x, ready, stop=plan.first - 1)
+
+
+def _plan(request: Request) -> SeriesPlan:
+    return series_plan(request.model, request.horizon, request.lag, unbiased=request.unbiased)
+
+
+def _covariances(request: Request, regular: NDArray[np.bool_], many: bool) -> Array:
+    """P of all series: those of regular ones are the same but for the prior."""
+    shape, n = (request.count, request.steps), request.model.dim_x
+    if not regular.any():
+        P = stepwise_covariances(request)
+        return P if many else P[0]
+    common = _common_covariances(request, _plan(request))
+    if regular.all() and request.prior is None:
+        return np.broadcast_to(common, (*shape, n, n)) if many else common
+    P = np.empty((*shape, n, n))
+    P[regular] = common
+    if not regular.all():
+        P[~regular] = stepwise_covariances(request.only(~regular))
+    if request.prior is not None:
+        stop = _plan(request).first - 1
+        head = replace(request.only(regular), z=request.z[regular, :stop])
+        P[regular, :stop] = stepwise_covariances(head)
+    return P if many else P[0]
+
+
+def _common_covariances(request: Request, plan: SeriesPlan) -> Array:
+    n, begin = request.model.dim_x, min(plan.horizon - 1, request.steps)
+    P = np.empty((request.steps, n, n))
+    P[begin:] = plan.gain.P
+    if begin:
+        P[:begin] = head_covariances(plan, begin)
+    return P
