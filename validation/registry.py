@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from validation import beyond, errata, s0, s1, s2, s3
+from validation import beyond, errata, s0, s1, s2, s3, witnesses
 from validation.item import Item
 
 __all__ = ["all_items"]
@@ -10,7 +10,7 @@ __all__ = ["all_items"]
 
 def all_items() -> tuple[Item, ...]:
     """Every item; a new one is named in its package's `ITEMS`."""
-    items = (*s0.ITEMS, *s1.ITEMS, *s2.ITEMS, *s3.ITEMS, *errata.ITEMS, *beyond.ITEMS)
+    items = (*s0.ITEMS, *s1.ITEMS, *s2.ITEMS, *s3.ITEMS, *errata.ITEMS, *beyond.ITEMS, *witnesses.ITEMS)
     ids = [item.id for item in items]
     twice = {name for name in ids if ids.count(name) > 1}
     if twice:
