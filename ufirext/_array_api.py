@@ -150,6 +150,10 @@ class Space:
             raise NonFiniteError(f"{name} must be finite, or NaN where nothing came, got inf")
         return not bool(xp.any(xp.isnan(array)))
 
+    def copy(self, array: Any) -> Any:
+        """An array of its own."""
+        return self.xp.asarray(array, copy=True)
+
     def put_rows(self, target: Any, where: Any, rows: Any) -> Any:
         """`target` with the rows at the indices `where` replaced; in place where the library can."""
         if self.native:

@@ -15,6 +15,7 @@ import numpy as np
 from .._array_api import Space
 from ..errors import UfirextError
 from ..model import Model
+from .history import Slot
 
 if TYPE_CHECKING:
     from .fleet import Fleet
@@ -43,6 +44,8 @@ def save(fleet: Fleet, path: str | PathLike[str]) -> None:
         host, history = engine.space.host, engine.history
         content["x"] = host(engine.x)
         content |= {n: host(a) for n in RINGS if (a := getattr(history, n)) is not None}
+        for tick, slot in history.older.items():
+            content |= {f"{n} {tick}": host(a) for n, a in zip(RINGS, slot, strict=True) if a is not None}
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as stream:
@@ -101,19 +104,33 @@ def _restored(cls: type[Fleet], content: dict[str, Any], like: Any) -> Fleet:
     if like is not None:
         other = Space.of(like, "like")
         space = Space(other.xp, other.dtype_of(values.dtype), other.device)
-    depth = len(values)
-    if not engine.horizon <= depth <= engine.limits.reach:
-        raise ValueError(f"a ring of {depth} slots")
-    engine.begin(space, depth)
-    _expect("values", values, (depth, engine.model.dim_z, tracks), x.dtype)
+    engine.begin(space)
     _expect("x", x, (tracks, engine.model.dim_x), values.dtype)
-    engine.x, engine.history.values = space.constant(x), space.constant(values)
-    if "late" in content:
-        _expect("late", content["late"], values.shape, values.dtype)
-        _expect("delays", content["delays"], (depth, tracks), np.dtype(np.int32))
-        engine.history.late = space.constant(content["late"])
-        engine.history.delays = space.indices(content["delays"])
+    engine.x = space.constant(x)
+    history = engine.history
+    history.values, history.late, history.delays = _rows(content, space, history.values.shape, values.dtype)
+    for name in content:
+        if name.startswith("values "):
+            tick = name.removeprefix("values ")
+            history.older[int(tick)] = Slot(
+                *_rows(content, space, history.values.shape[1:], values.dtype, f" {tick}")
+            )
+    history.older = dict(sorted(history.older.items()))
     return fleet
+
+
+def _rows(content: dict[str, Any], space: Space, shape: tuple[int, ...], dtype: Any, tick: str = "") -> Any:
+    """values, late and delays of the ring or of a slot put aside, checked."""
+    _expect("values" + tick, content["values" + tick], shape, dtype)
+    if "late" + tick not in content:
+        return space.constant(content["values" + tick]), None, None
+    _expect("late" + tick, content["late" + tick], shape, dtype)
+    _expect("delays" + tick, content["delays" + tick], (*shape[:-2], shape[-1]), np.dtype(np.int32))
+    return (
+        space.constant(content["values" + tick]),
+        space.constant(content["late" + tick]),
+        space.indices(content["delays" + tick]),
+    )
 
 
 def _expect(name: str, array: Any, shape: tuple[int, ...], dtype: Any) -> None:

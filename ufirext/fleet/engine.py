@@ -44,10 +44,10 @@ class Engine:
         self.needs = np.full(tracks, NOTHING)
         self.dropped = np.zeros(tracks, np.int64)
 
-    def begin(self, space: Space, depth: int) -> None:
+    def begin(self, space: Space) -> None:
         """Memory for the tracks, in the caller's library, device and dtype."""
         self.space = space
-        self.history = History(space, depth, self.model.dim_z, self.tracks)
+        self.history = History(space, self.horizon, self.model.dim_z, self.tracks)
         self.x = self._nowhere(self.tracks)
         K = ufir_gain(self.model, self.horizon).K.T
         self.gain = space.constant(np.concatenate([K, K]))
@@ -79,7 +79,7 @@ class Engine:
                     f"{int(np.argmax(given))}: join() begins a track"
                 )
         if self.space is None:
-            self.begin(space, self.horizon)
+            self.begin(space)
         if self.seen is not None:
             z = xp.take(z, space.indices(self.seen), axis=1)
             here = None if here is None else here[:, self.seen]
@@ -87,9 +87,9 @@ class Engine:
             z, here, delay = self._drop(space, z, here, delay)
         self.now += 1
         complete = None if here is None and delay is None else self._complete(here, delay)
-        self._make_room(complete)
+        self._keep_what_is_needed(complete)
         self.history.write(self.now, z, delay)
-        held, self.x = self.x, self.history.product(self.now, self.gain, self.horizon)
+        held, self.x = self.x, self.history.product(self.now, self.gain)
         if complete is not None or self.odd.any():
             came = self.active.copy() if here is None else here.any(axis=1)
             self._answer_the_rest(held, came)
@@ -111,22 +111,22 @@ class Engine:
             here = (np.ones(z.shape, bool) if here is None else here) & ~late[:, None]
         return z, here, np.where(came & ~late, delay, 0)
 
-    def _make_room(self, complete: Any) -> None:
-        """A deeper ring where a track still needs what the slot of this tick holds.
+    def _keep_what_is_needed(self, complete: Any) -> None:
+        """Put aside what the slot of this tick holds where a track still needs it.
 
         A track that was plain until now needs its window of the last tick, oldest row now - horizon.
         """
-        limits, history = self.limits, self.history
-        if not limits.extends:
+        if not self.limits.extends:
             return
+        leaving = self.now - self.horizon
         if complete is not None:
-            self.needs[self.active & ~self.odd & ~complete] = self.now - self.horizon
-        leaving = self.now - history.depth
-        if history.depth < limits.reach and (complete is not None or self.odd.any()):
-            needed = (self.needs <= leaving) & (self.needs > self.now - limits.reach)
-            if needed.any():
-                more = max(8, self.horizon // 2)
-                history.deepen(min(limits.reach, history.depth + more), self.now - 1)
+            self.needs[self.active & ~self.odd & ~complete] = leaving
+        oldest = NOTHING
+        if complete is not None or self.odd.any():
+            within = self.needs[self.needs > self.now - self.limits.reach]
+            oldest = int(within.min(initial=NOTHING))
+        if self.history.older or oldest <= leaving:
+            self.history.keep(leaving, oldest)
 
     def _answer_the_rest(self, held: Any, came: Any) -> None:
         """Tracks whose window is not full of plain rows; `held` are the estimates of the last tick."""
@@ -163,7 +163,7 @@ class Engine:
         space = self.space
         if space is None:
             return np.full((self.tracks, self.model.dim_x), np.nan)
-        return space.xp.asarray(self.x, copy=True)
+        return space.copy(self.x)
 
     def covariance(self, slots: Any) -> Array:
         """Exact covariances (len(slots), dim_x, dim_x), NaN where a track is not ready."""
@@ -223,8 +223,10 @@ class Engine:
         host = (self.active, self.ready, self.odd, self.needs, self.dropped)
         total = sum(array.nbytes for array in host)
         if self.space is not None:
-            rings = (self.history.values, self.history.late, self.history.delays, self.x)
-            total += sum(_bytes(array) for array in rings if array is not None)
+            history = self.history
+            aside = [array for slot in history.older.values() for array in slot]
+            arrays = (history.values, history.late, history.delays, self.x, *aside)
+            total += sum(_bytes(array) for array in arrays if array is not None)
         return total
 
 

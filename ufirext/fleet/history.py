@@ -26,114 +26,141 @@ class Batch(NamedTuple):
     delays: Any | None
 
 
+class Slot(NamedTuple):
+    """What arrived at one tick: plain and late rows (dim_z, tracks), and the delays of these (tracks,)."""
+
+    values: Any
+    late: Any | None
+    delays: Any | None
+
+
 class History:
-    """The ring. Slot t % depth holds what arrived at tick t: (depth, dim_z, tracks)."""
+    """The ring: slot t % length holds what arrived at tick t, (length, dim_z, tracks). Older ticks that a
+    track still needs are kept aside, one by one.
+    """
 
-    def __init__(self, space: Space, depth: int, dim_z: int, tracks: int) -> None:
-        self.space, self.depth, self.dim_z, self.tracks = space, depth, dim_z, tracks
-        self.values = self._empty(depth, tracks)
+    def __init__(self, space: Space, length: int, dim_z: int, tracks: int) -> None:
+        self.space, self.length, self.dim_z, self.tracks = space, length, dim_z, tracks
+        self.values = self._empty((length, dim_z, tracks))
         self.late: Any | None = None  # values of late rows, by tick of arrival
-        self.delays: Any | None = None  # ... and their delays, (depth, tracks)
+        self.delays: Any | None = None  # ... and their delays, (length, tracks)
+        self.older: dict[int, Slot] = {}
 
-    def _empty(self, depth: int, tracks: int) -> Any:
+    def _empty(self, shape: tuple[int, ...]) -> Any:
         space = self.space
-        return space.xp.full((depth, self.dim_z, tracks), np.nan, dtype=space.dtype, **space.placed)
+        return space.xp.full(shape, np.nan, dtype=space.dtype, **space.placed)
 
-    def _none_late(self, depth: int, tracks: int) -> Any:
-        xp = self.space.xp
-        return xp.zeros((depth, tracks), dtype=xp.int32, **self.space.placed)
+    def _on_time(self, shape: tuple[int, ...]) -> Any:
+        return self.space.xp.zeros(shape, dtype=self.space.xp.int32, **self.space.placed)
+
+    @property
+    def depth(self) -> int:
+        """Ticks it goes back."""
+        return self.length + len(self.older)
 
     # -- writing ---------------------------------------------------------------------------------------------
 
     def write(self, tick: int, z: Any, delay: np.ndarray[Any, Any] | None) -> None:
         """What arrived at a tick, z (tracks, dim_z); `delay` (tracks,) where a row is late."""
-        space, xp, slot = self.space, self.space.xp, tick % self.depth
+        space, xp, slot = self.space, self.space.xp, tick % self.length
         rows = xp.permute_dims(z, (1, 0))
         if delay is not None and self.late is None:
-            self.late = self._empty(self.depth, self.tracks)
-            self.delays = self._none_late(self.depth, self.tracks)
+            self.late = self._empty((self.length, self.dim_z, self.tracks))
+            self.delays = self._on_time((self.length, self.tracks))
         if self.late is None:
             self.values = space.put(self.values, slot, rows)
             return
         ages = space.indices(np.zeros(self.tracks, np.int32) if delay is None else delay.astype(np.int32))
-        nothing = xp.asarray(np.nan, dtype=space.dtype, **space.placed)
+        nothing = self._empty(())
         self.values = space.put(self.values, slot, xp.where(ages > 0, nothing, rows))
         self.late = space.put(self.late, slot, xp.where(ages > 0, rows, nothing))
         self.delays = space.put(self.delays, slot, ages)
+
+    def keep(self, tick: int, needed: int) -> None:
+        """Put the oldest tick of the ring aside, if it is needed, before its slot is written anew; forget
+        those before the tick `needed`.
+        """
+        for gone in [t for t in self.older if t < needed]:
+            del self.older[gone]
+        if tick >= needed:
+            copies = (None if a is None else self.space.copy(a) for a in self._slot(tick))
+            self.older[tick] = Slot(*copies)
 
     def forget(self, slots: np.ndarray[Any, Any]) -> None:
         """Empty the columns of these tracks."""
         xp = self.space.xp
         gone = np.zeros(self.tracks, bool)
         gone[slots] = True
-        where = self.space.indices(gone)
-        nothing = xp.asarray(np.nan, dtype=self.space.dtype, **self.space.placed)
-        self.values = xp.where(where, nothing, self.values)
-        if self.late is not None:
-            self.late = xp.where(where, nothing, self.late)
+        where, nothing = self.space.indices(gone), self._empty(())
+
+        def without(rows: Any) -> Any:
+            return None if rows is None else xp.where(where, nothing, rows)
+
+        self.values, self.late = without(self.values), without(self.late)
+        self.older = {t: Slot(without(s.values), without(s.late), s.delays) for t, s in self.older.items()}
 
     def widen(self, tracks: int) -> None:
         """Room for more tracks."""
-        xp, more = self.space.xp, tracks - self.tracks
-        self.values = xp.concat([self.values, self._empty(self.depth, more)], axis=2)
-        if self.late is not None:
-            self.late = xp.concat([self.late, self._empty(self.depth, more)], axis=2)
-            self.delays = xp.concat([self.delays, self._none_late(self.depth, more)], axis=1)
+        xp, m, more = self.space.xp, self.dim_z, tracks - self.tracks
+
+        def wider(rows: Any, new: Any) -> Any:
+            return None if rows is None else xp.concat([rows, new], axis=-1)
+
+        self.values, self.late = (
+            wider(rows, self._empty((self.length, m, more))) for rows in (self.values, self.late)
+        )
+        self.delays = wider(self.delays, self._on_time((self.length, more)))
+        column, none = self._empty((m, more)), self._on_time((more,))
+        self.older = {
+            t: Slot(wider(s.values, column), wider(s.late, column), wider(s.delays, none))
+            for t, s in self.older.items()
+        }
         self.tracks = tracks
-
-    def deepen(self, depth: int, newest: int) -> None:
-        """More slots; `newest` is the last tick written."""
-        ticks = range(newest - self.depth + 1, newest + 1)
-        moves = [(tick % self.depth, tick % depth) for tick in ticks]
-
-        def moved(old: Any, new: Any) -> Any:
-            for here, there in moves:
-                new = self.space.put(new, there, old[here, ...])
-            return new
-
-        self.values = moved(self.values, self._empty(depth, self.tracks))
-        if self.late is not None:
-            self.late = moved(self.late, self._empty(depth, self.tracks))
-            self.delays = moved(self.delays, self._none_late(depth, self.tracks))
-        self.depth = depth
 
     # -- reading ---------------------------------------------------------------------------------------------
 
-    def product(self, newest: int, twice: Any, length: int) -> Any:
-        """x (tracks, dim_x) of the window of `length` ticks up to `newest`.
+    def product(self, newest: int, twice: Any) -> Any:
+        """x (tracks, dim_x) of the windows up to `newest`.
 
-        `twice` (2 length dim_z, dim_x) is the transposed gain, oldest row first, written down twice: in a
-        ring as long as the window the slots begin in the middle of it, and one product does.
+        `twice` (2 length dim_z, dim_x) is the transposed gain, oldest row first, written down twice: the
+        oldest row lies in the middle of the ring, and a part of it fits the order of the slots.
         """
-        m = self.dim_z
-        if self.depth == length:
-            return self._part(0, length, twice, -(newest + 1) % length)
-        first = (newest - length + 1) % self.depth
-        count = min(length, self.depth - first)
-        x = self._part(first, count, twice, 0)
-        if count < length:
-            x = x + self._part(0, length - count, twice[count * m :, :], 0)
-        return x
-
-    def _part(self, slot: int, count: int, gain: Any, block: int) -> Any:
-        xp, m = self.space.xp, self.dim_z
-        rows = xp.reshape(self.values[slot : slot + count, ...], (count * m, self.tracks))
-        return xp.matmul(xp.permute_dims(rows, (1, 0)), gain[block * m : (block + count) * m, :])
+        xp, count = self.space.xp, self.length * self.dim_z
+        rows = xp.reshape(self.values, (count, self.tracks))
+        first = (-(newest + 1) % self.length) * self.dim_z
+        return xp.matmul(xp.permute_dims(rows, (1, 0)), twice[first : first + count, :])
 
     def batch(self, tracks: np.ndarray[Any, Any], newest: int, ages: int) -> Batch:
         """The rows of some tracks that arrived in the last `ages` ticks."""
         xp, where = self.space.xp, self.space.indices(tracks)
-        slots = [(newest - age) % self.depth for age in range(min(ages, self.depth))]
+        slots = [self._slot(newest - age) for age in range(min(ages, self.depth))]
 
-        def rows(ring: Any) -> Any:
-            return xp.stack([xp.take(ring[slot, ...], where, axis=-1) for slot in slots])
+        def rows(index: int) -> Any:
+            return xp.stack([xp.take(self._part(slot, index), where, axis=-1) for slot in slots])
 
-        values, delays = rows(self.values), None
+        values, delays = rows(0), None
         mask = ~xp.isnan(values)
         if self.late is not None:
-            late = rows(self.late)
+            late = rows(1)
             came = ~xp.isnan(late)
             if bool(xp.any(came)):
-                values, mask, delays = xp.where(came, late, values), mask | came, rows(self.delays)
+                values, mask, delays = xp.where(came, late, values), mask | came, rows(2)
                 delays = xp.where(xp.any(came, axis=1), delays, xp.zeros_like(delays))
         return Batch(xp.where(mask, values, xp.zeros_like(values)), mask, delays)
+
+    def _slot(self, tick: int) -> Slot:
+        if tick in self.older:
+            return self.older[tick]
+        slot = tick % self.length
+        late, delays = self.late, self.delays
+        return Slot(
+            self.values[slot, ...],
+            None if late is None else late[slot, ...],
+            None if delays is None else delays[slot, ...],
+        )
+
+    def _part(self, slot: Slot, index: int) -> Any:
+        """A field of a slot; one put aside before the first late row has none."""
+        if slot[index] is not None:
+            return slot[index]
+        return self._empty((self.dim_z, self.tracks)) if index == 1 else self._on_time((self.tracks,))

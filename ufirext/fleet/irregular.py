@@ -41,24 +41,25 @@ class Irregular:
         x = space.xp.full(shape, np.nan, dtype=space.dtype, **space.placed)
         oldest = np.full(len(tracks), -1)
         rest = np.arange(len(tracks))
-        for answer in (self._window, self._extended, self._everything):
+        answers = (self._window, self._extended, self._everything)
+        for answer in answers if history.older else answers[:1]:
             if rest.size:
                 estimate, ages = answer(history, now, tracks[rest])
                 x = space.put_rows(x, space.indices(rest), estimate)
                 oldest[rest] = ages
                 rest = rest[ages < 0]
-            if not self.limits.extends:
-                break
         return x, oldest
 
     def _window(self, history: History, now: int, tracks: Ints) -> tuple[Any, Ints]:
         """The rows that arrived within the horizon, where they are instants enough."""
         xp, horizon = self.space.xp, self.limits.horizon
         batch = history.batch(tracks, now, horizon)
+        if not history.older and bool(xp.all(batch.mask == batch.mask[:, :, :1])):
+            return self._by_pattern(batch, np.arange(len(tracks)))  # they all began together
         length = horizon if batch.delays is None else horizon + int(xp.max(batch.delays))
         sums, counts = by_origin(batch, self.space, length)
         instants = xp.sum(xp.any(counts > 0.0, axis=1), axis=0, dtype=xp.int32)
-        enough = self.space.host(instants) >= max(self.wanted, 1)
+        enough = self.space.host(instants) >= (self.wanted if history.older else 1)
         return self._solved(batch, sums, counts, enough)
 
     def _extended(self, history: History, now: int, tracks: Ints) -> tuple[Any, Ints]:
