@@ -206,6 +206,13 @@ class Claim:
         """Whether ours is what is reported, up to the tolerance."""
         return self.verdict in (Verdict.REPRODUCED, Verdict.SAMPLING)
 
+    @property
+    def scale(self) -> float:
+        """What counts as large for ours: the bound of a statement, the exact part of the tolerance else."""
+        if isinstance(self.reported, Interval):
+            return _scale(self.reported)
+        return self.tolerance.exact(self.reported)
+
     def _allowed(self, reported: Reported) -> float:
         return self.tolerance.exact(_scale(reported)) + self.tolerance.sigmas * self.standard_error
 

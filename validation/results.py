@@ -24,6 +24,8 @@ KEPT = Path(__file__).parent / "results"
 PACKAGES = ("ufirext", "numpy", "scipy", "filterpy", "control", "cvxpy", "simdkalman", "matplotlib")
 ROUNDING = 1e-9
 """Relative difference that another machine's arithmetic may make."""
+DUST = 1e-5
+"""Fraction of what a claim allows, or of its bound, that does not count as drift."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,8 @@ def _same(before: Claim | None, after: Claim | None) -> bool:
         return False
     if before.ours is None or after.ours is None:
         return before.ours is after.ours
-    return before.ours == after.ours or math.isclose(before.ours, after.ours, rel_tol=ROUNDING, abs_tol=1e-12)
+    width = ROUNDING * abs(before.ours) + DUST * before.scale
+    return before.ours == after.ours or abs(before.ours - after.ours) <= width
 
 
 def _encoded(claim: Claim) -> dict[str, Any]:

@@ -89,15 +89,15 @@ def run(study: Study) -> Outcome:
     refused = found[OTHER_CRITERION] = certify(ufir_gain(CAR, 8), CAR, criterion="variance")
     claims.append(claim(OTHER_CRITERION, AtLeast(1e-2, "refused"), _worst(refused)))
     note = (
-        "Four figures that need no solver, each zero for the best unbiased gain in exact arithmetic; a gain whose "
-        "worst one exceeds 1e-8 (line) is refused. The last one is meant to be: an unbiased FIR gain is the best "
-        "against measurement noise, not against process noise."
+        "Four figures that need no solver, each zero for the best unbiased gain in exact arithmetic; a gain "
+        "whose worst one exceeds 1e-8 (line) is refused. The last one is meant to be: an unbiased FIR gain is "
+        "the best against measurement noise, not against process noise."
     )
     return Outcome(claims, [_table(found)], partial(draw, _figures(found)), notes=[note])
 
 
 def _worst(certificate: Certificate) -> float:
-    return max(getattr(certificate, name) for name in FIGURES)
+    return float(max(getattr(certificate, name) for name in FIGURES))
 
 
 def _figures(found: dict[str, Certificate]) -> dict[str, list[float]]:
