@@ -196,8 +196,7 @@ def draw(scene: Scene, estimates: dict[str, Array], turns: dict[str, Turn]) -> F
     for name, found in turns.items():
         corner.plot(found.errors[:30], marker=".", label=name, **LOOKS[name])
     corner.axvline(DELAY, color=INK, ls=":", lw=1)
-    text = "the corner is known from here on"
-    corner.annotate(text, (DELAY, 1.0), xytext=(-160, 0), textcoords="offset points", color=INK, fontsize=9)
+    corner.text(DELAY + 3, 26, "dotted: from here on the corner can be known", color=INK, fontsize=9)
     corner.set(xlabel="steps after the corner", ylabel="error of y, m", title="One corner without noise")
     corner.legend()
     return figure
