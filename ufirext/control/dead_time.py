@@ -23,7 +23,8 @@ def with_dead_time(
     """The plant whose known inputs act, and whose outputs show, some steps later.
 
     Its state is that of `sys` followed by the delay lines, newest entry first: the last known inputs, then
-    the last outputs. Signal names are kept; disturbances are not delayed.
+    the last outputs. Signal names are kept; disturbances are not delayed. A window of such a plant spends its
+    first `output_delay` measurements on the delay line: lengthen the horizon by as much.
 
     Parameters
     ----------
