@@ -30,7 +30,21 @@ SOLVER_LIMIT = 1e-6
 
 
 class UnconfirmedWarning(UserWarning):
-    """A solver failed or did not reach its precision, so that it does not confirm the certificate."""
+    """A solver failed or did not reach its precision, so that it does not confirm the certificate.
+
+    Examples
+    --------
+    OSQP does not handle the largest eigenvalue. What is optimal is so without its consent:
+
+    >>> import warnings
+    >>> from ufirext import UnconfirmedWarning, certify, kinematic, ufir_gain
+    >>> model = kinematic(1, 1, 1.0)
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always", UnconfirmedWarning)
+    ...     certificate = certify(ufir_gain(model, 8), model, objective="lambda_max", solver="OSQP")
+    >>> certificate.optimal, certificate.confirmed, caught[0].category.__name__
+    (True, False, 'UnconfirmedWarning')
+    """
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,15 +134,16 @@ def certify(
     """Certify that a gain is the best unbiased one of its window under a model.
 
     With the window as Z = O x + N e, x_aim = T x + E e, cov e = I, solves min ||E - H N||_F^2 subject to
-    H O = T and, where the transitions can be inverted, the problem of Kim (2019), equations (11) and (12),
-    min tr(H Pi H') subject to H Gamma = I; Pi is never inverted. Optimality is decided without the solver.
+    H O = T, equation :eq:`certificate`, and, where the transitions can be inverted, the problem of Kim
+    (2019), (11) and (12), min tr(H Pi H') subject to H Gamma = I, equation :eq:`literal-certificate`; Pi is
+    never inverted. Optimality is decided without the solver.
 
     Parameters
     ----------
     gain : FMSGain, MinimumVarianceGain or Gain
     model : Model
         The model to certify the gain for. May be left out for an `FMSGain`, which carries its own.
-    objective : {"trace", "lambda_max"}, int or array_like, optional
+    objective : {"trace", "lambda_max"}, int or array_like (rows, rows), optional
         What to minimise: the sum of the error variances; their largest over all directions; the variance of
         one row of the gain; or trace(W P) for weights W, (rows,) or (rows, rows). By the theorem of Gauss and
         Markov one gain is optimal for all of them. A pair has the rows of x_now first, then those of x_lag.

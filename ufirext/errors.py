@@ -38,15 +38,45 @@ class ShapeError(UfirextError):
 
 
 class NonFiniteError(UfirextError):
-    """A NaN or an infinity stands where only a finite number makes sense."""
+    """A NaN or an infinity stands where only a finite number makes sense.
+
+    Examples
+    --------
+    >>> from ufirext import Model, NonFiniteError
+    >>> try:
+    ...     Model([[float("nan")]], [[1.0]])
+    ... except NonFiniteError as error:
+    ...     print(str(error).partition(",")[0])
+    F must be finite
+    """
 
 
 class CovarianceError(UfirextError):
-    """A covariance is not symmetric positive semidefinite (or, for R, not usable as a weight)."""
+    """A covariance is not symmetric positive semidefinite (or, for R, not usable as a weight).
+
+    Examples
+    --------
+    >>> from ufirext import CovarianceError, Model
+    >>> try:
+    ...     Model([[1.0]], [[1.0]], Q=[[-1.0]])
+    ... except CovarianceError as error:
+    ...     print(str(error).partition(",")[0])
+    Q must be positive semidefinite
+    """
 
 
 class HorizonError(UfirextError):
-    """A horizon, lag or delay is not an integer or lies outside its range."""
+    """A horizon, lag or delay is not an integer or lies outside its range.
+
+    Examples
+    --------
+    >>> from ufirext import HorizonError, kinematic, ufir_gain
+    >>> try:
+    ...     ufir_gain(kinematic(1, 1, 1.0), horizon=2.5)
+    ... except HorizonError as error:
+    ...     print(str(error).partition(";")[0])
+    horizon must be an integer, got 2.5
+    """
 
 
 class UnobservableWindow(UfirextError):

@@ -109,8 +109,8 @@ def fms_gain(
 
     x_{i+1} = A x_i + B u_i + G w_i, z_i = C x_i + v_i; the window holds z_{i-M} .. z_{i-1}, so x^_i is the
     one-step prediction, d = 1 the ordinary filtered estimate of x_{i-1} and d >= 2 a smoother of lag d - 1.
-    Solves the paper's problem (12) subject to (11). Its solution (14) needs an invertible A and Pi and is
-    silently wrong without them; this one needs neither. Inputs enter as in (13).
+    Solves the paper's problem (12) subject to (11), equation :eq:`fms`. Its solution (14) needs an invertible
+    A and Pi and is silently wrong without them; this one needs neither. Inputs enter as in (13).
 
     Parameters
     ----------

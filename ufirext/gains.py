@@ -31,11 +31,12 @@ class Gain:
     Attributes
     ----------
     K : ndarray, (dim_x, horizon * dim_z)
-        The gain on the raw measurements; K C = T (unbiased).
+        The gain on the raw measurements; K C = T (unbiased), equation :eq:`unbiased`.
     G : ndarray, (dim_x, dim_x)
-        Generalised noise power gain K K'.
+        Generalised noise power gain K K', equation :eq:`noise-power-gain`.
     P : ndarray, (dim_x, dim_x)
-        Exact error covariance under the model's Q and R, in the units of the states.
+        Exact error covariance under the model's Q and R, in the units of the states, equation
+        :eq:`exact-covariance`.
     horizon, lag : int
         Length of the window; the estimate is of the state `lag` steps before its newest row.
 
@@ -76,8 +77,9 @@ class _ModelGain(Gain):
 def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
     """Gain of the unbiased FIR estimator: least squares over the window, K = T C+ with rows weighted by R^-1.
 
-    Needs neither Q nor an initial state. Equations (27)-(41) of Shmaliy's UFIR filter (Shmaliy and Zhao 2013;
-    Shmaliy and Simon 2013), in batch form and with forward powers of F only, so that F may be singular.
+    Equation :eq:`ufir`. Needs neither Q nor an initial state. Equations (27)-(41) of Shmaliy's UFIR filter
+    (Shmaliy and Zhao 2013; Shmaliy and Simon 2013), in batch form and with forward powers of F only, so that
+    F may be singular.
 
     Parameters
     ----------

@@ -73,12 +73,14 @@ def check_horizon(horizon: object, model: Model) -> int:
 def best_horizon(model: Model, zs: ArrayLike | None = None, *, longest: int = 200) -> int:
     """The horizon with the least error of the estimated measurement.
 
-    From a model, the N that minimises tr(R^-1 H P_N H'), P_N the exact error covariance of the UFIR filter:
-    short windows average too little noise, long ones lag behind what Q drives. For constant velocity it is
-    close to sqrt(12 sigma_v / (tau sigma_w)), sigma_w the standard deviation of a step's velocity increment.
+    From a model, the N that minimises tr(R^-1 H P_N H'), P_N the exact error covariance of the UFIR filter,
+    equation :eq:`best-horizon`: short windows average too little noise, long ones lag behind what Q drives.
+    For constant velocity it is close to sqrt(12 sigma_v / (tau sigma_w)), sigma_w the standard deviation of a
+    step's velocity increment, equation :eq:`constant-velocity-horizon`.
 
     From data, the N whose one-step predictions H F x^_{o-1} of the measurements z_o have the least mean
-    square, weighted by R^-1 (the leave-newest-out residual of horizon N + 1); needs no Q.
+    square, weighted by R^-1 (the leave-newest-out residual of horizon N + 1), equation
+    :eq:`prediction-score`; needs no Q.
 
     Parameters
     ----------

@@ -36,7 +36,21 @@ AGREEMENT = 1e-8
 
 
 class InaccurateGainWarning(UserWarning):
-    """Two designs of one gain disagree: the window is too ill conditioned for double precision."""
+    """Two designs of one gain disagree: the window is too ill conditioned for double precision.
+
+    Examples
+    --------
+    Two modes that hardly differ, of which only the sum is measured:
+
+    >>> import warnings
+    >>> import numpy as np
+    >>> from ufirext import InaccurateGainWarning, fms_gain
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always", InaccurateGainWarning)
+    ...     gain = fms_gain(np.diag([0.9, 0.9 + 3e-9]), [[1, 1]], np.eye(2), 1, M=40, d=5)
+    >>> [warning.category.__name__ for warning in caught]
+    ['InaccurateGainWarning']
+    """
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,14 @@ class MinimumVarianceGain(Gain):
 
     Attributes
     ----------
-    K, G, P : ndarray
-        As in `Gain`: gain (dim_x, horizon * dim_z), noise power gain and error covariance of x_{n-lag|n}.
-    K_now, P_now : ndarray
-        Gain and error covariance of the filtered state x_{n|n} from the same window; K and P when lag is 0.
+    K : ndarray, (dim_x, horizon * dim_z)
+        Gain of x_{n-lag|n}, as in `Gain`.
+    G, P : ndarray, (dim_x, dim_x)
+        Its noise power gain and error covariance, equation :eq:`minimum-variance-covariance`.
+    K_now : ndarray, (dim_x, horizon * dim_z)
+        Gain of the filtered state x_{n|n} from the same window; K when lag is 0.
+    P_now : ndarray, (dim_x, dim_x)
+        Its error covariance; P when lag is 0.
     P_cross : ndarray, (dim_x, dim_x)
         E[(error of x_{n|n}) (error of x_{n-lag|n})'].
     L, L_now : ndarray, (dim_x, (horizon - 1) * dim_u)
@@ -48,8 +52,9 @@ class MinimumVarianceGain(Gain):
 def minimum_variance_gain(model: Model, horizon: int, lag: int = 0) -> MinimumVarianceGain:
     """Gain of the minimum-variance unbiased FIR filter and fixed-lag smoother (MVU-FIR, OFIR-EU, FMS).
 
-    Minimises every error variance of x_{n-lag|n} = K Z subject to K C = T (Gauss-Markov). Equals the Kalman
-    filter and smoother run over the window alone, without prior knowledge of its oldest state. In the terms
+    Minimises every error variance of x_{n-lag|n} = K Z subject to K C = T (Gauss-Markov), equation
+    :eq:`minimum-variance`. Equals the Kalman filter and smoother run over the window alone, without prior
+    knowledge of its oldest state. In the terms
     of Kim's FMS filter-smoother (`fms_gain`) lag is d - 1 and horizon is M: the newest measurement counts.
 
     Parameters

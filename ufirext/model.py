@@ -17,7 +17,7 @@ __all__ = ["Model", "discretise", "kinematic"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """Linear discrete model  x_n = F x_{n-1} + B u_n + w_n,  z_n = H x_n + v_n.
+    """Linear discrete model  x_n = F x_{n-1} + B u_n + w_n,  z_n = H x_n + v_n, equation :eq:`plant`.
 
     A frozen value: its arrays are copies, read-only and validated, so that gains can be cached on it.
 
@@ -192,8 +192,9 @@ def _integrated(a: int, b: int, dt: float) -> float:
 def discretise(A: ArrayLike, G: ArrayLike, Qc: ArrayLike, dt: float) -> tuple[Array, Array]:
     """Discrete F and Q of the continuous model  dx/dt = A x + G w,  w white with spectral density Qc.
 
-    Van Loan's method: F = exp(A dt), Q = integral of exp(A s) G Qc G' exp(A s)' over [0, dt]
-    (C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE TAC 23(3), 1978).
+    Van Loan's method: F = exp(A dt), Q = integral of exp(A s) G Qc G' exp(A s)' over [0, dt], equation
+    :eq:`discretisation` (C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE TAC
+    23(3), 1978).
 
     Parameters
     ----------

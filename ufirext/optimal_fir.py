@@ -87,9 +87,9 @@ class OFIRGain:
 def ofir(model: Model, horizon: int, P: ArrayLike, *, rho: float = 1.0, lag: int = 0) -> OFIRGain:
     """Optimal FIR gain with the prior covariance rho P on the oldest state of the window.
 
-    With the Kalman filter's x_prior and P_prior at the window's oldest step, rho = 1 is the Kalman filter
-    (its fixed-lag smoother for lag > 0); rho = inf forgets them and is the minimum-variance unbiased gain.
-    Between the two, rho says how little the past before the window is trusted.
+    Equation :eq:`ofir`. With the Kalman filter's x_prior and P_prior at the window's oldest step, rho = 1 is
+    the Kalman filter (its fixed-lag smoother for lag > 0); rho = inf forgets them and is the minimum-variance
+    unbiased gain. Between the two, rho says how little the past before the window is trusted.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 A segment knows what its rows say about its first state, N(x_start; information eta, J), and how its last
 state follows from the first given those rows: x_end = A x_start + b + error of covariance C. Särkkä and
 García-Fernández, "Temporal parallelization of Bayesian smoothers", IEEE TAC 66(1), 2021, lemma 8, used here
-without a prior: nothing is downdated, and neither F nor Q is inverted, so the cost of a sliding window does
-not depend on its length.
+without a prior, equation :eq:`segments`: nothing is downdated, and neither F nor Q is inverted, so the cost
+of a sliding window does not depend on its length.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A datum is a row (origin, H, R, z): z = H x_origin + v, cov v = R. With a the oldest origin of the window and
 Phi(j, a) = F_j .. F_{a+1}, the rows stack to  Z = C x_a + D w + v,  and the state aimed at is
-x_aim = T x_a + E w. A delayed measurement is only an older row (MATHEMATICS: one idea).
+x_aim = T x_a + E w, equation :eq:`window`. A delayed measurement is only an older row.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def _series(zs: ArrayLike) -> Array:
 
 
 class Channel(ABC):
-    """Base of all channels.
+    """Base of all channels: what a network does to measurements, as a value.
 
     Attributes
     ----------
@@ -54,6 +54,12 @@ class Channel(ABC):
     fresh_noise : bool
         Whether a second measurement of the same origin has noise of its own and is kept; else it is a
         duplicate and is dropped.
+
+    Examples
+    --------
+    >>> from ufirext import BernoulliDelay, Channel, TimeStamped
+    >>> [(isinstance(channel, Channel), channel.stamped) for channel in (TimeStamped(3), BernoulliDelay(0.9))]
+    [(True, True), (True, False)]
     """
 
     stamped: ClassVar[bool]

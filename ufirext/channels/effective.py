@@ -71,7 +71,7 @@ def stamped(H: Array, R: Array, past: Sequence[Step], delay: int) -> Effective:
     """A measurement of x_{n-delay} as one of x_n.
 
     G_k = H, G_{i-1} = G_i F_{n-i+1}^-1, Hb = G_0, Rb = R + sum_{i<k} G_i Q_{n-i} G_i'. For a constant model
-    G_i = H F^{-k+i}: equations (6) to (8) of Uribe-Murcia et al. (2018).
+    G_i = H F^{-k+i}: equation :eq:`late-row`, (6) to (8) of Uribe-Murcia et al. (2018).
     """
     if delay == 0:
         return on_time(H, R)
@@ -92,6 +92,8 @@ def averaged(
     H: Array, R: Array, past: Sequence[Step], gamma: float, x: Array | None, P: Array | None
 ) -> Effective:
     """A measurement k H x_n + (1 - k) H x_{n-1} + v with P(k = 1) = gamma, by its moments over k.
+
+    Equation :eq:`unknown-delay`.
 
     With Hd = H F^-1, D = H - Hd and m the mean of H x_n - H x_{n-1}: Hm = gamma H + (1 - gamma) Hd and
     Rm = R + (1-gamma)^2 Hd Q Hd' + gamma (1-gamma) (m m' + D P D' + D Q Hd' + Hd Q D' + Hd Q Hd').

@@ -36,8 +36,8 @@ class _Stamped(Channel):
 class TimeStamped(_Stamped):
     """Every measurement carries the time it was made and arrives up to `max_delay` steps late, in any order.
 
-    Equations (2) to (8) of Uribe-Murcia et al. (2018). A second measurement of the same origin has noise of
-    its own (their v_n is a sample at arrival) and is kept.
+    Equation :eq:`late-row`, (2) to (8) of Uribe-Murcia et al. (2018). A second measurement of the same origin
+    has noise of its own (their v_n is a sample at arrival) and is kept.
 
     Parameters
     ----------

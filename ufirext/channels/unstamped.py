@@ -47,8 +47,8 @@ class _Unstamped(Channel):
 class BernoulliDelay(_Unstamped):
     """Each step brings the newest measurement with probability `gamma`, else the one before, without a stamp.
 
-    Uribe-Murcia et al. (2019), equations (3) to (8), with the term in E[x x'] that (8) lacks: the error made
-    by averaging over the delay grows with the distance moved in one step.
+    Equation :eq:`unknown-delay`: Uribe-Murcia et al. (2019), (3) to (8), with the term in E[x x'] that (8)
+    lacks. The error made by averaging over the delay grows with the distance moved in one step.
 
     Parameters
     ----------

@@ -53,14 +53,16 @@ def worst_case_gain(
     """The exact worst case of a filter x^_n = F x^_{n-1} + K_n (z_n - H F x^_{n-1}), whatever its gains.
 
     It is the largest singular value, squared, of the map from the disturbances, each in units of its own
-    covariance, to the errors: no theory of H-infinity filters enters.
+    covariance, to the errors, equation :eq:`worst-case`: no theory of H-infinity filters enters.
 
     Parameters
     ----------
     K : sequence of array_like, (dim_x, dim_z)
         The gains, one a step; no columns where nothing was measured.
-    F, H, Q, R : array_like, or sequences with one entry a step
+    F, Q : array_like, (dim_x, dim_x), or sequences with one entry a step
         Of the plant. Singular Q, P0: only disturbances in their range.
+    H, R : array_like, (dim_z, dim_x) and (dim_z, dim_z), or sequences with one entry a step
+        Of the measurements.
     P0 : array_like, (dim_x, dim_x)
         Weight of the initial error.
     S : array_like, (dim_x, dim_x), optional

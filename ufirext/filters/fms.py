@@ -23,7 +23,8 @@ class FMSFilterSmoother(WindowFilter):
 
     The estimates of the newest state and of the one `lag` steps ago from the measurements of the last
     `horizon` steps, best under the model's Q and R and independent of everything before: a disturbance is
-    forgotten after `horizon` steps, and noise-free data give the exact states.
+    forgotten after `horizon` steps, and noise-free data give the exact states. Equation
+    :eq:`minimum-variance`.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ class DelayHInfinityFilter(LateFilter):
     """H-infinity filter: the weighted energy of its errors is bounded for every disturbance, random or not.
 
     ``sum theta_n |e_n|^2_S <= |x_0 - x^_0|^2_{P0^-1} + sum |w_n|^2_{Q^-1} + sum |v_n|^2_{R^-1}``, also with
-    measurements that come late, out of order, in part or not at all. The surface is that of
-    ``filterpy.kalman.KalmanFilter``; `from_filterpy` takes over a ``filterpy.hinfinity.HInfinityFilter``,
-    whose author asks not to use it.
+    measurements that come late, out of order, in part or not at all, equation :eq:`guarantee`. The surface is
+    that of ``filterpy.kalman.KalmanFilter``; `from_filterpy` takes over a
+    ``filterpy.hinfinity.HInfinityFilter``, whose author asks not to use it.
 
     Parameters
     ----------

@@ -80,7 +80,8 @@ class DelayKalmanFilter(LateFilter):
     """Kalman filter for measurements that come late, out of order, in part or not at all.
 
     The surface is that of ``filterpy.kalman.KalmanFilter``; ``update(z, delay=k)`` takes a measurement that
-    was made `k` steps ago. Without delays it is the Kalman filter of the books in Joseph form.
+    was made `k` steps ago. Without delays it is the Kalman filter of the books in Joseph form, equation
+    :eq:`kalman`.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ class UFIRFilter(WindowFilter):
     """Unbiased finite impulse response filter, a drop-in for ``filterpy.kalman.KalmanFilter``.
 
     x^_n = K Z over the measurements of the last `horizon` steps, with the unbiased gain K = T C+ of least
-    noise power (least squares over the window). The estimate needs no Q, x0 or P0; R only weighs rows against
-    each other.
+    noise power (least squares over the window), equation :eq:`ufir`. The estimate needs no Q, x0 or P0; R
+    only weighs rows against each other.
 
     Parameters
     ----------

@@ -55,6 +55,8 @@ def predict_lifted(state: Lifted, F: Array, Q: Array, Bu: Array | None = None, f
 def augmented_model(model: Model, delay: int) -> Model:
     """A model whose state holds the last delay + 1 states and whose measurement is `delay` steps old.
 
+    Equation :eq:`augmented`.
+
     Parameters
     ----------
     model : Model

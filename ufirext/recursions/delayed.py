@@ -2,7 +2,7 @@
 
 A measurement of x_{n-k} is one of x_n whose noise holds the process noises since (`Channel.effective`). The
 filter's error holds the same noises, so it keeps their covariances E[e_n w_j'] for as many steps as a
-measurement can be late, and its P is the true error covariance.
+measurement can be late, and its P is the true error covariance: equation :eq:`exact-delay`.
 """
 
 from __future__ import annotations

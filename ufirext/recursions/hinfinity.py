@@ -7,7 +7,8 @@ differ in the error that is bounded and in the condition under which they exist:
 * a-posteriori: e = x_n - x^_n, gain of the Kalman filter; exists iff P-^-1 + H'R^-1H - theta S > 0;
 * a-priori: e = x_n - x^-_n, gain from the tilted prior; exists iff P-^-1 - theta S > 0, which is stronger.
 
-In both, P-_{n+1} = F J^-1 F' + Q with J = P-^-1 - theta S + H'R^-1H. `tilt` computes (P^-1 - theta S)^-1.
+In both, P-_{n+1} = F J^-1 F' + Q with J = P-^-1 - theta S + H'R^-1H, equation :eq:`hinfinity`. `tilt`
+computes (P^-1 - theta S)^-1.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ Form = Literal["posterior", "prior", "mixed"]
 
 
 class ThetaTooLarge(UfirextError):
-    """theta is beyond the largest value for which the H-infinity filter exists.
+    """theta is beyond the largest value for which the H-infinity filter exists, equation :eq:`theta-max`.
 
     Attributes
     ----------
@@ -34,6 +35,18 @@ class ThetaTooLarge(UfirextError):
         The step at which the condition fails.
     theta, theta_max : float
         What was asked, and the limit it must stay below.
+
+    Examples
+    --------
+    >>> from ufirext import DelayHInfinityFilter, ThetaTooLarge
+    >>> f = DelayHInfinityFilter(dim_x=1, dim_z=1, theta=5.0)
+    >>> f.F, f.H = [[1.0]], [[1.0]]
+    >>> try:
+    ...     f.predict()
+    ...     f.update(0.0)
+    ... except ThetaTooLarge as error:
+    ...     print(error.step, error.theta, round(error.theta_max, 9))
+    1 5.0 1.5
     """
 
     def __init__(self, theta: float, theta_max: float, step: int | None = None) -> None:

@@ -1,4 +1,7 @@
-"""One predict and one update of the Kalman filter, for noise that may be correlated with the error."""
+"""One predict and one update of the Kalman filter, for noise that may be correlated with the error.
+
+Equation :eq:`kalman`.
+"""
 
 from __future__ import annotations
 
