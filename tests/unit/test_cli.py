@@ -26,6 +26,35 @@ def invoke(*arguments):
     )
 
 
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    """The current folder, to which results go when nobody says where."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
+def late(tmp_path):
+    """The same drive over a network: some rows come one to three steps late, some never."""
+    rng, seconds = np.random.default_rng(3), np.arange(200.0)
+    measured = noisy(np.random.default_rng(0), seconds, 3.0)
+    age = np.where(rng.random(200) < 0.3, rng.integers(1, 4, 200), 0)
+    order = np.argsort(seconds + age, kind="stable")
+    order = order[rng.random(200)[order] > 0.1]
+    truth = noisy(rng, seconds + age, 0.0)
+    columns = {
+        "t": (seconds + age)[order],
+        "delay_steps": age[order],
+        "x": measured[order, 0],
+        "y": measured[order, 1],
+        "truth_x": truth[order, 0],
+        "truth_y": truth[order, 1],
+    }
+    return write_table(tmp_path / "late.csv", columns)
+
+
 @pytest.fixture
 def drive(tmp_path):
     """A drive of five minutes with truth, and how far its measurements are off."""
@@ -57,12 +86,13 @@ def test_help_and_version():
     assert invoke("--version").output.strip() == f"ufirext {ufirext.__version__}"
 
 
-def test_a_track_is_filtered_beside_its_file_which_stays_as_it_was(drive):
+def test_a_track_is_filtered_to_the_current_folder_and_its_file_stays_as_it_was(drive, here):
     before = drive.read_bytes()
     result = invoke("track", drive)
     assert result.exit_code == 0, result.output
     assert drive.read_bytes() == before
-    written = pd.read_csv(drive.with_name("drive_filtered.csv"))
+    assert [each.name for each in drive.parent.iterdir() if each.is_file()] == [drive.name]
+    written = pd.read_csv(here / "drive_filtered.csv")
     source = pd.read_csv(drive)
     assert written["line"].tolist() == list(range(2, 302))
     np.testing.assert_array_equal(written["t_s"], source["t"])
@@ -86,11 +116,11 @@ def test_a_track_is_filtered_beside_its_file_which_stays_as_it_was(drive):
         assert heading in result.output
 
 
-def test_what_was_written_can_be_read_again(drive):
+def test_what_was_written_can_be_read_again(drive, here):
     invoke("track", drive)
-    again = invoke("track", drive.with_name("drive_filtered.csv"))
+    again = invoke("track", "drive_filtered.csv")
     assert again.exit_code == 0, again.output
-    assert drive.with_name("drive_filtered_filtered.csv").exists()
+    assert (here / "drive_filtered_filtered.csv").exists()
 
 
 def test_a_told_motion_horizon_lag_and_sigma_are_used(drive):
@@ -111,15 +141,15 @@ def test_the_horizon_can_adapt(drive):
     assert "adaptive (chosen on the way" in result.output
 
 
-def test_dates_stay_dates_and_degrees_degrees(ride):
+def test_dates_stay_dates_and_degrees_degrees(ride, here):
     assert invoke("track", ride).exit_code == 0
-    written = pd.read_csv(ride.with_name("ride_filtered.csv"))
+    written = pd.read_csv(here / "ride_filtered.csv")
     assert written["time"][1] == "2024-05-01T10:00:01.000000Z"
     source = pd.read_csv(ride)
     assert np.abs(written["lat"] - source["lat"]).max() < 5e-5
 
 
-def test_gpx_goes_out_and_comes_in(ride, tmp_path):
+def test_gpx_goes_out_and_comes_in(ride, here, tmp_path):
     gpxpy = pytest.importorskip("gpxpy")
     first = invoke("track", ride, "--output", tmp_path / "out.gpx")
     assert first.exit_code == 0, first.output
@@ -130,7 +160,7 @@ def test_gpx_goes_out_and_comes_in(ride, tmp_path):
     assert {"north_std_m", "velocity_north_mps", "velocity_north_std_mps"} <= names
     second = invoke("track", tmp_path / "out.gpx")
     assert second.exit_code == 0, second.output
-    assert (tmp_path / "out_filtered.gpx").exists()
+    assert (here / "out_filtered.gpx").exists()
 
 
 def test_pictures_are_written(drive, tmp_path):
@@ -183,7 +213,7 @@ def test_an_unusable_file_gives_one_message_and_exit_code_1(tmp_path, name):
     assert result.stdout == ""
     assert result.stderr.startswith(f"ufirext track: {path}: ")
     assert result.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.rglob("*.*")) == [path]
 
 
 def test_a_binary_file_a_missing_one_and_a_directory_give_exit_code_1(tmp_path):
@@ -200,8 +230,72 @@ def test_data_without_noise_give_a_result(tmp_path, position):
     (tmp_path / "a.csv").write_text("t,x,y\n" + rows)
     result = invoke("track", tmp_path / "a.csv")
     assert result.exit_code == 0, result.output
-    written = pd.read_csv(tmp_path / "a_filtered.csv")
+    written = pd.read_csv("a_filtered.csv")
     assert np.isfinite(written[["x_m", "y_m", "x_std_m", "y_std_m"]].to_numpy()).all()
+
+
+@pytest.mark.parametrize("name", ["ufir", "fms", "kalman", "hinf"])
+def test_every_filter_takes_files_with_and_without_delays(drive, late, name):
+    said = {
+        "ufir": "unbiased FIR",
+        "fms": "minimum variance over a window",
+        "kalman": "Kalman, late rows",
+        "hinf": "H-infinity, a-posteriori form",
+    }
+    for file in (drive, late):
+        result = invoke("track", file, "--filter", name)
+        assert result.exit_code == 0, result.output
+        table = {line[:24].strip(): line[24:].strip() for line in result.output.splitlines()}
+        assert said[name] in table["filter"]
+        assert "the one for which a window of" in table["density"]
+        assert ("horizon" in table) == (name in ("ufir", "fms"))
+        assert ("guarantee" in table) == (name == "hinf")
+        assert ("delays" in table) == (file is late)
+        raw, filtered = (float(table["RMSE to truth"].split()[at]) for at in (1, 4))
+        assert filtered < 0.85 * raw
+
+
+def test_a_lag_helps_every_filter_that_takes_one(late):
+    errors = {}
+    for name in ("ufir", "fms", "kalman"):
+        for lag in (0, 3):
+            result = invoke("track", late, "--filter", name, "--lag", lag, "--order", 1)
+            assert result.exit_code == 0, result.output
+            line = next(each for each in result.output.splitlines() if each.startswith("RMSE to truth"))
+            errors[lag] = float(line.split(" filtered ")[1].split()[0])
+        assert errors[3] < 0.8 * errors[0]
+
+
+def test_a_told_density_and_theta_are_used(drive):
+    result = invoke("track", drive, "--filter", "hinf", "--order", 1, "--density", 0.5, "--theta", 0.001)
+    assert result.exit_code == 0, result.output
+    assert "0.5 m^2/s^3 (as told)" in result.output
+    assert "0.001 per m^2 (as told; smallest limit" in result.output
+
+
+def test_what_a_filter_cannot_do_is_said_with_the_reason(drive):
+    for options, reason in (
+        (("--filter", "hinf", "--lag", 2), "the error of the present state"),
+        (("--filter", "kalman", "--horizon", 8), "kalman forgets nothing"),
+        (("--filter", "hinf", "--theta", 10), "theta must be below theta_max"),
+        (("--filter", "kalman", "--lag", 300), "can remember 200 steps"),
+    ):
+        result = invoke("track", drive, *options)
+        assert result.exit_code == 2
+        assert reason in " ".join(result.output.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("bad", ["-1", "inf", "nan", "soon", ""])
+@pytest.mark.parametrize("name", ["ufir", "kalman"])
+def test_a_row_with_an_impossible_delay_is_left_out_and_reported(late, name, bad):
+    lines = late.read_text().splitlines()
+    cells = lines[20].split(",")
+    cells[1] = bad
+    lines[20] = ",".join(cells)
+    late.write_text("\n".join(lines))
+    result = invoke("track", late, "--filter", name)
+    assert result.exit_code == 0, result.output
+    assert "line 21" in result.output
 
 
 @pytest.mark.parametrize(
@@ -218,6 +312,21 @@ def test_data_without_noise_give_a_result(tmp_path, position):
         ("--sigma", "0"),
         ("--sigma", "nan"),
         ("--delay-unit", "ms"),
+        ("--filter", "ekf"),
+        ("--filter", "kalman", "--horizon", "8"),
+        ("--filter", "hinf", "--horizon", "8"),
+        ("--filter", "fms", "--horizon", "adaptive"),
+        ("--filter", "kalman", "--horizon", "adaptive"),
+        ("--filter", "hinf", "--lag", "2"),
+        ("--filter", "kalman", "--lag", "300"),
+        ("--filter", "fms", "--horizon", "8", "--lag", "8"),
+        ("--filter", "kalman", "--theta", "0.1"),
+        ("--theta", "0.1"),
+        ("--filter", "hinf", "--theta", "-1"),
+        ("--filter", "hinf", "--theta", "nan"),
+        ("--filter", "hinf", "--theta", "10"),
+        ("--density", "-1"),
+        ("--density", "inf"),
         ("--output", "a.txt"),
         ("--plot", "a.pdf"),
         ("--output", "nowhere/a.csv"),

@@ -13,7 +13,9 @@ from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
 from ..errors import HorizonError, UfirextError, UnobservableWindow
-from .motion import Choice, choose
+from ..recursions import ThetaTooLarge
+from .filters import FilterName
+from .motion import Choice, Wish, choose
 from .reading import read_track
 from .report import show
 from .run import Estimates, run
@@ -37,6 +39,9 @@ def _column(text: str) -> Any:
 
 _ORDER = "Constant position (0), velocity (1) or acceleration (2); else from the data."
 _HORIZON = "Steps in the window: told, from the data, or on the way."
+_FILTER = "Unbiased FIR, minimum variance (fms), Kalman, or H-infinity (hinf)."
+_DENSITY = "Of the process noise, m^2/s^3 at order 1; else from the horizon."
+_THETA = "How tightly hinf bounds position errors, 1/m^2; else 0.3 of its limit at each row."
 _SIGMA = "Standard deviation of a measured coordinate, m; else from the innovations."
 
 
@@ -49,10 +54,13 @@ def track(
         Path | None, _result("Draw to this .png, or .html with the table.", "--plot", "-p")
     ] = None,
     left_out: Annotated[Path | None, _result("Write the rows left out, and why, to this .csv.")] = None,
+    filter_: Annotated[FilterName, typer.Option("--filter", help=_FILTER)] = "ufir",
     order: Annotated[int | None, typer.Option(min=0, max=2, help=_ORDER)] = None,
     horizon: Annotated[str, typer.Option(metavar="N|auto|adaptive", help=_HORIZON)] = "auto",
     lag: Annotated[int, typer.Option(min=0, help="Smooth: give estimates as of this many steps later.")] = 0,
     sigma: Annotated[float | None, typer.Option(help=_SIGMA)] = None,
+    density: Annotated[float | None, typer.Option(help=_DENSITY)] = None,
+    theta: Annotated[float | None, typer.Option(help=_THETA)] = None,
     time: Annotated[str | None, _column("Seconds, ISO 8601, or time of day.")] = None,
     lat: Annotated[str | None, _column("Latitude, degrees.")] = None,
     lon: Annotated[str | None, _column("Longitude, degrees.")] = None,
@@ -75,11 +83,10 @@ def track(
     columns = {"time": time, "lat": lat, "lon": lon, "x": x, "y": y, "delay": delay}
     columns |= {"truth_x": truth_x, "truth_y": truth_y, "truth_lat": truth_lat, "truth_lon": truth_lon}
     told = {role: name for role, name in columns.items() if name is not None}
-    wish = _Wish(order, _window(horizon), horizon == "adaptive", lag, sigma)
-    if sigma is not None and not 0 < sigma < float("inf"):
-        raise typer.BadParameter(f"must be a positive number of metres, got {sigma}", param_hint="--sigma")
+    wish = Wish(order, _window(horizon), horizon == "adaptive", lag, sigma, filter_, density, theta)
+    _check(wish)
     if delay_unit not in ("", "s", "steps"):
-        raise typer.BadParameter(f"must be s or steps, got {delay_unit!r}", param_hint="--delay-unit")
+        _wrong(f"must be s or steps, got {delay_unit!r}", "--delay-unit")
     target = default_output(file) if output is None else output
     _check_targets(file, {"--output": target, "--plot": plot, "--left-out": left_out})
     try:
@@ -98,19 +105,11 @@ def track(
             lines.append(("written", f"{plot} (picture)"))
     except (HorizonError, UnobservableWindow) as error:
         raise typer.BadParameter(str(error), param_hint="--horizon, --order, --lag") from error
+    except ThetaTooLarge as error:
+        raise typer.BadParameter(str(error), param_hint="--theta") from error
     except UfirextError as error:
         _fail(error)
     show(Console(), file.name, lines)
-
-
-class _Wish(NamedTuple):
-    """What was asked for; None leaves it to the data."""
-
-    order: int | None
-    horizon: int | None
-    adaptive: bool
-    lag: int
-    sigma: float | None
 
 
 class _Result(NamedTuple):
@@ -124,9 +123,9 @@ class _Result(NamedTuple):
         return facts(track, self.axis, self.choice, self.estimates, summarise(track, self.estimates))
 
 
-def _filtered(recorded: Track, wish: _Wish, progress: Progress) -> _Result:
+def _filtered(recorded: Track, wish: Wish, progress: Progress) -> _Result:
     axis = timing(recorded)
-    choice = choose(recorded, axis, **wish._asdict())
+    choice = choose(recorded, axis, wish)
     return _Result(axis, choice, run(recorded, axis, choice.motion, progress))
 
 
@@ -136,10 +135,30 @@ def _window(text: str) -> int | None:
         return None
     try:
         return int(text)
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"must be a number of steps, auto or adaptive, got {text!r}", param_hint="--horizon"
-        ) from error
+    except ValueError:
+        _wrong(f"must be a number of steps, auto or adaptive, got {text!r}", "--horizon")
+
+
+def _check(wish: Wish) -> None:
+    """That every option has a meaning for the filter, and a value that can be meant."""
+    name = wish.filter
+    if wish.sigma is not None and not 0 < wish.sigma < float("inf"):
+        _wrong(f"must be a positive number of metres, got {wish.sigma}", "--sigma")
+    for option, value in (("--density", wish.density), ("--theta", wish.theta)):
+        if value is not None and not 0 <= value < float("inf"):
+            _wrong(f"must be a finite number, not negative, got {value}", option)
+    if wish.theta is not None and name != "hinf":
+        _wrong(f"is for the filter hinf, got {name}", "--theta")
+    if wish.adaptive and name != "ufir":
+        _wrong(f"adaptive is for the filter ufir, got {name}", "--horizon")
+    if wish.horizon is not None and name in ("kalman", "hinf"):
+        _wrong(f"is for filters with a window, ufir and fms; {name} forgets nothing", "--horizon")
+    if wish.lag and name == "hinf":
+        _wrong("is for the other filters: what hinf bounds is the error of the present state", "--lag")
+
+
+def _wrong(reason: str, option: str) -> NoReturn:
+    raise typer.BadParameter(reason, param_hint=option)
 
 
 def _check_targets(source: Path, targets: dict[str, Path | None]) -> None:
@@ -150,13 +169,11 @@ def _check_targets(source: Path, targets: dict[str, Path | None]) -> None:
         if target is None:
             continue
         if target.suffix.lower() not in suffixes[option]:
-            raise typer.BadParameter(
-                f"must end in {' or '.join(suffixes[option])}, got {target}", param_hint=option
-            )
+            _wrong(f"must end in {' or '.join(suffixes[option])}, got {target}", option)
         if target.resolve() in taken:
-            raise typer.BadParameter(f"{target} is the input or another result", param_hint=option)
+            _wrong(f"{target} is the input or another result", option)
         if not target.resolve().parent.is_dir() and source.exists():
-            raise typer.BadParameter(f"there is no folder {target.parent}", param_hint=option)
+            _wrong(f"there is no folder {target.parent}", option)
         taken.append(target.resolve())
 
 
@@ -187,7 +204,8 @@ def _draw(path: Path, track: Track, result: _Result, lines: list[tuple[str, str]
     motion = result.choice.motion
     order = ("position", "velocity", "acceleration")[motion.order]
     window = "adaptive window" if motion.adaptive else f"window of {motion.horizon} steps"
-    title = f"{track.path.name}: constant {order}, {window}"
+    how = f"{motion.filter}, {window}" if motion.windowed else motion.filter
+    title = f"{track.path.name}: constant {order}, {how}"
     write_picture(path, track, result.axis, result.estimates, title, lines)
 
 

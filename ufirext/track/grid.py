@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .._arrays import Array
-from ..gains import ufir_gain
+from .filters import new_filter, whole_window
 from .series import Integers, Mask
 
 if TYPE_CHECKING:
     from .run import Motion
 
-__all__ = ["new_filter", "on_grid", "reach"]
+__all__ = ["on_grid", "reach"]
 
 _NUMBERS = 4_000_000  # numbers of all windows multiplied at once: bounds memory
-_VAGUE = 1e4  # standard deviations of a measurement: what is known before the first row
-
-
-def new_filter(motion: Motion) -> Any:
-    """A filter that knows nothing yet: at rest at the origin, give or take a vague prior."""
-    from ..filters.ufir import UFIRFilter
-
-    model = motion.model()
-    kf = UFIRFilter(model.dim_x, model.dim_z, horizon="adaptive" if motion.adaptive else motion.horizon)
-    kf.F, kf.H, kf.Q, kf.R = (np.array(each) for each in (model.F, model.H, model.Q, model.R))
-    kf.x = np.zeros(model.dim_x)
-    kf.P = motion.r * _VAGUE**2 * np.eye(model.dim_x)
-    return kf
 
 
 def reach(motion: Motion) -> int:
@@ -48,9 +35,9 @@ def on_grid(zs: Array, motion: Motion, lag: int = 0) -> tuple[Array, Array]:
     # the windows of an adaptive filter have no length that is known beforehand
     whole = np.zeros(len(zs), dtype=bool) if motion.adaptive else _whole(zs, motion.horizon, lag)
     if whole.any():
-        gain = ufir_gain(motion.model(), motion.horizon, lag)
-        means[whole] = _product(gain.K, zs, np.flatnonzero(whole) + lag - motion.horizon + 1)
-        covs[whole] = gain.P
+        K, P = whole_window(motion, lag)
+        means[whole] = _product(K, zs, np.flatnonzero(whole) + lag - motion.horizon + 1)
+        covs[whole] = P
     for start, stop in _runs(~whole, apart=reach(motion)):
         begin, end = max(0, start - reach(motion)), min(len(zs), stop + lag)
         part = slice(start - begin, stop - begin)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,16 +12,18 @@ from ..errors import ShapeError
 from ..gains import ufir_gain
 from ..horizon import best_horizon, horizon_criterion, shortest_horizon
 from ..model import kinematic
+from .filters import FilterName
 from .run import AXES, Estimates, Motion, run
 from .series import Track
 from .timing import APART, Timing, age_in_steps, pieces
 
-__all__ = ["Choice", "choose"]
+__all__ = ["Choice", "Wish", "choose"]
 
 _BLOCKS, _BLOCK = 8, 1_000  # of rows that the choice between orders looks at
 _LONGEST = 100  # steps in a window that is chosen from data
 _WORTH = 0.98  # a higher order must bring the mean square prediction error below this part
 _FEW = 8  # rows with a whole window behind them; with fewer, shorter windows count as well
+_ENOUGH = 1.5  # horizons of least squares make the minimum variance as small as it gets, to 0.1 %
 _TINY = 1e-6  # m; a smaller standard deviation of a position means nothing
 
 
@@ -30,7 +34,9 @@ class Choice:
     Attributes
     ----------
     motion : Motion
-    why_order, why_horizon, why_sigma : str
+    density : float
+        Of the process noise, m^2/s^(2 order + 1).
+    why_order, why_horizon, why_sigma, why_density : str
     errors : dict
         Order -> (horizon, root mean square one-step prediction error, m), of the orders that were tried.
     """
@@ -39,19 +45,41 @@ class Choice:
     why_order: str
     why_horizon: str
     why_sigma: str
+    density: float
+    why_density: str
     errors: dict[int, tuple[int, float]]
 
 
-def choose(
-    track: Track,
-    axis: Timing,
-    *,
-    order: int | None = None,
-    horizon: int | None = None,
-    adaptive: bool = False,
-    lag: int = 0,
-    sigma: float | None = None,
-) -> Choice:
+class Wish(NamedTuple):
+    """What was asked for; None leaves it to the data.
+
+    Attributes
+    ----------
+    order, horizon, lag : int
+    adaptive : bool
+    sigma : float
+        Standard deviation of a measured coordinate, m.
+    filter : str
+    density : float
+        Of the process noise, m^2/s^(2 order + 1).
+    theta : float
+        1/m^2.
+    """
+
+    order: int | None = None
+    horizon: int | None = None
+    adaptive: bool = False
+    lag: int = 0
+    sigma: float | None = None
+    filter: FilterName = "ufir"
+    density: float | None = None
+    theta: float | None = None
+
+
+NOTHING_TOLD = Wish()
+
+
+def choose(track: Track, axis: Timing, wish: Wish = NOTHING_TOLD) -> Choice:
     """The motion that predicts the track's next position best.
 
     For every order the horizon with the least mean square one-step prediction error (`best_horizon`); of the
@@ -59,25 +87,36 @@ def choose(
     The noise is that under which this horizon is the best one and the innovations are as large as they are.
     """
     part, part_axis = _excerpt(track, axis)
-    orders = [order] if order is not None else _possible(part_axis)
-    horizons = {each: _horizon(track, axis, each) if horizon is None else horizon for each in orders}
+    told = wish.horizon
+    orders = [wish.order] if wish.order is not None else _possible(part_axis)
+    horizons = {each: _horizon(track, axis, each) if told is None else told for each in orders}
     tried = {each: run(part, part_axis, Motion(each, horizons[each]), spread=False) for each in orders}
     errors = _errors(tried)
     best = orders[0]
     for each in orders[1:]:
         if errors[each] < _WORTH * errors[best]:
             best = each
-    chosen = Motion(
-        best, max(horizons[best], 2 * lag + 1 if horizon is None else 0), lag=lag, adaptive=adaptive
-    )
-    q, r = _noise(best, horizons[best], errors[best], sigma)
+    second = axis.step ** (2 * best + 1)  # the unit of time in the filter is a step
+    density = None if wish.density is None else wish.density * second
+    q, r = _noise(best, horizons[best], errors[best], wish.sigma, density)
+    horizon = _window(wish, horizons[best])
+    motion = Motion(best, horizon, q, r, wish.lag, wish.adaptive, wish.filter, wish.theta)
     return Choice(
-        replace(chosen, q=q, r=r),
-        _why_order(order, errors),
-        _why_horizon(horizon, adaptive, chosen.horizon, horizons[best], errors[best]),
-        _why_sigma(sigma, errors[best]),
+        motion,
+        _why_order(wish.order, errors),
+        _why_horizon(wish, horizon, horizons[best], errors[best]),
+        _why_sigma(wish.sigma, errors[best]),
+        q / second,
+        "as told" if wish.density is not None else _why_density(wish, horizons[best]),
         {each: (horizons[each], float(np.sqrt(errors[each]))) for each in orders},
     )
+
+
+def _window(wish: Wish, best: int) -> int:
+    """The horizon in use, where `best` is that of least squares."""
+    if wish.horizon is not None:
+        return wish.horizon
+    return max(ceil(_ENOUGH * best) if wish.filter == "fms" else best, 2 * wish.lag + 1)
 
 
 def _why_order(told: int | None, errors: dict[int, float]) -> str:
@@ -93,16 +132,22 @@ def _metres(square: float) -> str:
     return f"{np.sqrt(square):.3g} m" if square > _TINY**2 else f"under {_TINY:g} m"
 
 
-def _why_horizon(told: int | None, adaptive: bool, used: int, best: int, square: float) -> str:
-    if told is not None:
+def _why_horizon(wish: Wish, used: int, best: int, square: float) -> str:
+    if wish.horizon is not None:
         return "as told"
-    if adaptive:
+    if wish.adaptive:
         return "chosen on the way, by prediction error"
-    if used != best:
-        return f"{best} predicts best; longer, so that the lag lies in its middle"
     if np.isnan(square):
         return "two more than the least: too few rows to judge by"
+    if wish.filter == "fms" and used == ceil(_ENOUGH * best):
+        return f"{best} predicts best by least squares; half as long again leaves nothing to gain"
+    if used != best:
+        return f"{best} predicts best; longer, so that the lag lies in its middle"
     return "least one-step prediction error"
+
+
+def _why_density(wish: Wish, best: int) -> str:
+    return f"the one for which a window of {best} steps is the best"
 
 
 def _why_sigma(told: float | None, square: float) -> str:
@@ -174,7 +219,9 @@ def _errors(tried: dict[int, Estimates]) -> dict[int, float]:
     }
 
 
-def _noise(order: int, horizon: int, square: float, sigma: float | None) -> tuple[float, float]:
+def _noise(
+    order: int, horizon: int, square: float, sigma: float | None, density: float | None
+) -> tuple[float, float]:
     """Noise q and r that make `horizon` the best one and `square` the variance of an innovation.
 
     The error covariance of a window of N is P_N = r G_N + q W_N. P is flat at the horizon where
@@ -191,7 +238,10 @@ def _noise(order: int, horizon: int, square: float, sigma: float | None) -> tupl
     b = float(np.vdot(ahead @ (gain.P - gain.G), ahead)) + float(model.Q[0, 0])
     if np.isnan(square):
         r = 1.0 if sigma is None else sigma**2
-        return ratio * r, r
+        return ratio * r if density is None else density, r
+    if density is not None:
+        # Process noise that explains all the innovations leaves next to nothing to the measurements.
+        return density, max((square - density * b) / a, 1e-4 * square) if sigma is None else sigma**2
     if sigma is not None:
         return max(square - sigma**2 * a, 0.0) / b, sigma**2
     r = square / (a + ratio * b)

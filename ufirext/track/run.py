@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from .._arrays import Array
 from ..errors import HorizonError
 from ..model import Model, kinematic
+from .filters import FilterName
 from .series import Integers, Mask, Progress, Track, silent
 from .stretch import Stretch, filter_grid, filter_rows
 from .timing import Timing, pieces
@@ -37,6 +39,10 @@ class Motion:
         Estimates are given as of `lag` steps later.
     adaptive : bool
         Let the filter choose the horizon as it goes.
+    filter : {"ufir", "fms", "kalman", "hinf"}
+        The last two have no window; their horizon only sets which gaps cut the track.
+    theta : float or None
+        Of the H-infinity filter, for position errors, 1/m^2; None: a part of its limit at each row.
     """
 
     order: int
@@ -45,6 +51,13 @@ class Motion:
     r: float = 1.0
     lag: int = 0
     adaptive: bool = False
+    filter: FilterName = "ufir"
+    theta: float | None = None
+
+    @property
+    def windowed(self) -> bool:
+        """Whether the filter forgets what is older than its window."""
+        return self.filter in ("ufir", "fms")
 
     def model(self, steps: float = 1.0) -> Model:
         """The discrete model over `steps` steps: time counts steps inside the filter, whatever they last."""
@@ -72,7 +85,9 @@ class Estimates:
     starts : ndarray of int
         Rows at which the filter started afresh.
     dropped : int
-        Late rows that came too late for the window.
+        Late rows that came too late for the window, or were measured before the first one.
+    theta : tuple of float or None
+        Smallest and largest theta of an H-infinity filter, and its smallest limit, 1/m^2.
     """
 
     mean: Array
@@ -84,6 +99,7 @@ class Estimates:
     settled: Mask
     starts: Integers
     dropped: int = 0
+    theta: tuple[float, float, float] | None = None
 
     @property
     def position(self) -> Array:
@@ -126,24 +142,36 @@ def run(
     """
     if motion.horizon > LONGEST:
         raise HorizonError(f"horizon must be at most {LONGEST} steps, got {motion.horizon}")
-    if motion.lag >= motion.horizon:
+    if motion.windowed and motion.lag >= motion.horizon:
         raise HorizonError(f"lag must be below the horizon, {motion.horizon} steps, got {motion.lag}")
     stretches = pieces(axis, motion.horizon)
     out = _blank(len(track), AXES * (motion.order + 1), [each.start for each in stretches])
-    on_grid = axis.regular and track.age is None
-    dropped = 0
+    on_grid = axis.regular and track.age is None and motion.windowed
+    dropped, theta = 0, None
     for rows in stretches:
         stretch = Stretch.of(track, axis, rows)
         if on_grid:
             filter_grid(stretch, motion, out, progress)
         else:
-            dropped += filter_rows(stretch, motion, out, progress, spread=spread)
+            kf = filter_rows(stretch, motion, out, progress, spread=spread)
+            dropped += kf.dropped
+            theta = _wider(theta, kf) if motion.filter == "hinf" else None
         out.mean[rows, :: motion.order + 1] += track.position[rows.start]
     for state in range(out.mean.shape[1]):
         scale = axis.step ** (state % (motion.order + 1))
         out.mean[:, state] /= scale
         out.std[:, state] /= scale
-    return replace(out, dropped=dropped)
+    return replace(out, dropped=dropped, theta=theta)
+
+
+def _wider(theta: tuple[float, float, float] | None, kf: Any) -> tuple[float, float, float]:
+    """The extremes of theta, and the smallest limit, with those of another filter."""
+    (low, high), limit = kf.guarantee.theta, kf.guarantee.theta_max
+    return (
+        (low, high, limit)
+        if theta is None
+        else (min(theta[0], low), max(theta[1], high), min(theta[2], limit))
+    )
 
 
 def _blank(rows: int, states: int, starts: list[int]) -> Estimates:

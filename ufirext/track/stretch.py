@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
-from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._arrays import Array
-from .grid import new_filter, on_grid, reach
+from .filters import new_filter
+from .grid import on_grid, reach
 from .series import Integers, Progress, Track
 from .timing import Timing, age_in_steps
 
@@ -61,6 +60,21 @@ class Stretch:
         """Steps from the first row to each, (n,)."""
         passed = np.cumsum(self.steps)
         return np.asarray(passed - passed[0])
+
+    def origins(self) -> tuple[Integers, Array]:
+        """The last prediction at or before each measurement was taken, as a delay, and the steps after it."""
+        counts = np.rint(self.steps) if self.regular else self.steps > 0
+        counts[0] = 1
+        last = np.cumsum(counts).astype(np.int64)  # predictions so far, at each row
+        now = 1.0 + self.point
+        times = np.arange(1.0, last[-1] + 1.0) if self.regular else now[np.flatnonzero(counts)]
+        taken = now - (0.0 if self.ages is None else self.ages)
+        place = np.minimum(np.searchsorted(times, taken + _NEAR, side="right"), last)
+        # before the first row: the grid is thought to go on backward, a step apart
+        before = np.maximum(np.ceil(-taken - _NEAR), 0.0)
+        since = np.where(place > 0, times[np.maximum(place - 1, 0)], -before)
+        delay = last - place + np.where(place > 0, 0.0, before)
+        return delay.astype(np.int64), np.maximum(taken - since, 0.0)
 
 
 def filter_grid(stretch: Stretch, motion: Motion, out: Estimates, progress: Progress) -> None:
@@ -112,22 +126,24 @@ def _flag(out: Estimates, stretch: Stretch, motion: Motion) -> None:
 
 def filter_rows(
     stretch: Stretch, motion: Motion, out: Estimates, progress: Progress, *, spread: bool = True
-) -> int:
-    """Rows off the grid and late rows, step by step; returns how many came too late for the window."""
-    kf = new_filter(motion)
+) -> Any:
+    """Rows off the grid and late rows, step by step; returns the filter as it ends."""
+    late = stretch.ages is not None
+    delays, ahead = stretch.origins()
+    kf = new_filter(motion, int(delays.max()))
     walk = _Walk(kf, stretch.regular, motion, out, spread)
     for offset, (steps, z) in enumerate(zip(stretch.steps.tolist(), stretch.measured, strict=True)):
         row = stretch.rows.start + offset
-        walk.advance(steps if offset else 1.0, remember=stretch.ages is not None)
-        if stretch.ages is None:
-            walk.take(row, z)
+        walk.advance(steps if offset else 1.0, remember=late)
+        if late:
+            walk.take_late(row, z, int(delays[offset]), float(ahead[offset]))
         else:
-            walk.take_late(row, z, float(stretch.ages[offset]))
+            walk.take(row, z)
         if offset % 1024 == 0 or row + 1 == stretch.rows.stop:
             progress("filtering", row + 1, len(out.nis))
     walk.finish()
     _flag(out, stretch, motion)
-    return int(kf.dropped)
+    return kf
 
 
 class _Walk:
@@ -136,7 +152,7 @@ class _Walk:
     def __init__(self, kf: Any, regular: bool, motion: Motion, out: Estimates, spread: bool) -> None:
         self.kf, self.regular, self.motion, self.out, self.spread = kf, regular, motion, out, spread
         self.H, self.R = kf.H.copy(), kf.R.copy()
-        self.elapsed: list[float] = []  # steps since the start, at every prediction
+        self.now = 0  # predictions so far
         self.models: dict[float, Any] = {}
         self.waiting: deque[tuple[int, int]] = deque()  # (row, its step), oldest first
         self.past: deque[tuple[Array, Array]] = deque(maxlen=_REMEMBERED)  # x and P as each step left them
@@ -148,12 +164,13 @@ class _Walk:
         if self.regular:
             for _ in range(round(steps) - 1):
                 self._predict(1.0, remember)
+                self.kf.update(None)
                 self._deliver()
             steps = 1.0
         self._predict(steps, remember)
 
     def _predict(self, steps: float, remember: bool) -> None:
-        if remember and self.elapsed:
+        if remember and self.now:
             self.past.append((np.ravel(self.kf.x).copy(), self.kf.P.copy()))
         if steps == 1.0:
             self.kf.predict()
@@ -161,27 +178,26 @@ class _Walk:
             if steps not in self.models:
                 self.models[steps] = self.motion.model(steps)
             self.kf.predict(F=self.models[steps].F, Q=self.models[steps].Q)
-        self.elapsed.append((self.elapsed[-1] if self.elapsed else 0.0) + steps)
+        self.now += 1
 
     def take(self, row: int, z: Array) -> None:
         """Update with a row measured now."""
         self.kf.update(z)
         self._judge(row, np.ravel(self.kf.y), self.kf.S if self.spread else None)
-        self.waiting.append((row, len(self.elapsed)))
+        self.waiting.append((row, self.now))
         self._deliver()
 
-    def take_late(self, row: int, z: Array, age: float) -> None:
-        """Update with a row measured `age` steps ago; it is judged by what was known then."""
-        delay, ahead = self._origin(age)
+    def take_late(self, row: int, z: Array, delay: int, ahead: float) -> None:
+        """Update with a row measured `ahead` steps after a past prediction, judged by what was known then."""
         H = self.H if ahead < _NEAR or not self.motion.order else self.H @ self.motion.model(ahead).F
         known = (np.ravel(self.kf.x), self.kf.P) if delay == 0 else None
         if 0 < delay <= len(self.past):
             known = self.past[-delay]
-        if known is not None and len(self.elapsed) - delay > self.motion.order + 1:
+        if known is not None and self.now - delay > self.motion.order + 1:
             x, P = known
             self._judge(row, z - H @ x, H @ P @ H.T + self.R)
         self.kf.update(z, H=H, delay=delay)
-        self.waiting.append((row, len(self.elapsed)))
+        self.waiting.append((row, self.now))
         self._deliver()
 
     def _judge(self, row: int, y: Array, S: Array | None) -> None:
@@ -191,20 +207,9 @@ class _Walk:
         self.out.innovation_std[row] = np.sqrt(np.diag(S))
         self.out.nis[row] = float(y @ np.linalg.solve(S, y))
 
-    def _origin(self, age: float) -> tuple[int, float]:
-        """The last step at or before the measurement was taken, as a delay, and how many steps after it."""
-        taken = self.elapsed[-1] - age
-        back = len(self.elapsed) - bisect_right(self.elapsed, taken + _NEAR)
-        if back < len(self.elapsed):
-            return back, max(0.0, taken - self.elapsed[-1 - back])
-        # before the first row: the grid is thought to go on backward, a step apart
-        before = max(0, ceil(self.elapsed[0] - 1.0 - taken - _NEAR))
-        return back + before, max(0.0, taken - (self.elapsed[0] - 1.0 - before))
-
     def _deliver(self) -> None:
         """Write the estimates of all waiting rows that have seen `lag` further steps."""
-        now = len(self.elapsed)
-        while self.waiting and now - self.waiting[0][1] >= self.motion.lag:
+        while self.waiting and self.now - self.waiting[0][1] >= self.motion.lag:
             self._write(*self.waiting.popleft())
 
     def finish(self) -> None:
@@ -213,7 +218,7 @@ class _Walk:
             self._write(*self.waiting.popleft())
 
     def _write(self, row: int, step: int) -> None:
-        lag = len(self.elapsed) - step
+        lag = self.now - step
         smoothed = lag > 0 and self.kf.ready
         x, P = self.kf.smoothed(lag) if smoothed else (self.kf.x, None)
         self.out.mean[row] = np.ravel(x)

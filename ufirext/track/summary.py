@@ -9,12 +9,18 @@ import numpy as np
 
 from .._arrays import Array
 from .motion import Choice
-from .run import Estimates
+from .run import Estimates, Motion
 from .series import Track
 from .timing import Timing
 
 __all__ = ["Summary", "duration", "facts", "summarise"]
 
+_FILTERS = {
+    "ufir": "unbiased FIR",
+    "fms": "minimum variance over a window",
+    "kalman": "Kalman, late rows by the recursion that is exact",
+    "hinf": "H-infinity, a-posteriori form, of the augmented state where rows are late",
+}
 _ORDERS = ("constant position", "constant velocity", "constant acceleration")
 
 
@@ -110,17 +116,22 @@ def facts(
         *_left_out(track),
         ("time", _time(track, axis)),
         ("gaps", _gaps(track, axis, estimates)),
+        ("filter", _FILTERS[motion.filter]),
         ("motion model", f"{_ORDERS[motion.order]} ({choice.why_order})"),
-        ("horizon", f"{'adaptive' if motion.adaptive else motion.horizon} ({choice.why_horizon})"),
     ]
+    if motion.windowed:
+        used = "adaptive" if motion.adaptive else motion.horizon
+        lines.append(("horizon", f"{used} ({choice.why_horizon})"))
     if motion.lag:
         lines.append(("lag", f"{motion.lag} steps, {duration(motion.lag * axis.step)}"))
     if track.age is not None:
         lines.append(("delays", _delays(track, estimates)))
     lines += [
         ("sigma", f"{np.sqrt(motion.r):.3g} m per coordinate ({choice.why_sigma})"),
+        ("density", f"{choice.density:.3g} m^2/s^{2 * motion.order + 1} ({choice.why_density})"),
+        *_theta(motion, estimates),
         ("innovations", _innovations(summary)),
-        ("NIS mean", f"{summary.nis:.2f} (2 expected)" if summary.judged else "-"),
+        ("NIS mean", _nis(motion, summary)),
         ("estimate - measurement", f"{summary.moved:.3g} m rms"),
     ]
     if summary.raw_rmse is not None and summary.filtered_rmse is not None:
@@ -130,6 +141,19 @@ def facts(
     return lines + [("note", note) for note in track.notes]
 
 
+def _theta(motion: Motion, estimates: Estimates) -> list[tuple[str, str]]:
+    """What an H-infinity filter promises of the whole track."""
+    if estimates.theta is None:
+        return []
+    low, high, limit = estimates.theta
+    used = f"{low:.3g} .. {high:.3g}" if low < high else f"{high:.3g}"
+    why = "0.3 of the limit at each row" if motion.theta is None else "as told"
+    return [
+        ("theta", f"{used} per m^2 ({why}; smallest limit {limit:.3g})"),
+        ("guarantee", "sum of theta |position error|^2 <= energy of start, process noise and measurement noise"),
+    ]
+
+
 def _innovations(summary: Summary) -> str:
     if not summary.judged:
         return "none: too few rows to predict one"
@@ -137,6 +161,13 @@ def _innovations(summary: Summary) -> str:
     if not np.isnan(summary.autocorrelation):
         said.append(f"lag-1 autocorrelation {summary.autocorrelation:.2f}")
     return f"{', '.join(said)} ({summary.judged:,} rows with a whole window behind them)"
+
+
+def _nis(motion: Motion, summary: Summary) -> str:
+    if not summary.judged:
+        return "-"
+    expected = "2 or less: hinf allows for the worst" if motion.filter == "hinf" else "2 expected"
+    return f"{summary.nis:.2f} ({expected})"
 
 
 def _left_out(track: Track, shown: int = 5) -> list[tuple[str, str]]:
@@ -167,10 +198,10 @@ def _gaps(track: Track, axis: Timing, estimates: Estimates) -> str:
     longest = duration(float(gaps.max()))
     restarts = len(estimates.starts) - 1
     text = f"{len(gaps):,}, the longest {longest}"
-    return f"{text}; {restarts} longer than the window, a fresh start after each" if restarts else text
+    return f"{text}; {restarts} longer than a window, a fresh start after each" if restarts else text
 
 
 def _delays(track: Track, estimates: Estimates) -> str:
     ages = np.asarray(track.age)
     text = f"mean {ages.mean():.3g} {track.age_unit}, longest {ages.max():.3g} {track.age_unit}"
-    return f"{text}; {estimates.dropped} rows too late for the window" if estimates.dropped else text
+    return f"{text}; {estimates.dropped} rows too late to be used" if estimates.dropped else text

@@ -18,8 +18,8 @@ _CHUNK = 50_000
 
 
 def default_output(source: Path) -> Path:
-    """Where a result goes when nobody says: beside its source, in its format."""
-    return source.with_name(f"{source.stem}_filtered{'.gpx' if source.suffix.lower() == '.gpx' else '.csv'}")
+    """Where a result goes when nobody says: to the current folder, in the format of its source."""
+    return Path(f"{source.stem}_filtered{'.gpx' if source.suffix.lower() == '.gpx' else '.csv'}")
 
 
 def require_format(path: Path, track: Track) -> None:

@@ -8,7 +8,8 @@ import pytest
 pytest.importorskip("pymap3d", reason="pip install ufirext[cli]")
 
 from ufirext.track import stretch
-from ufirext.track.grid import new_filter, on_grid
+from ufirext.track.filters import new_filter
+from ufirext.track.grid import on_grid
 from ufirext.track.run import Motion, run
 from ufirext.track.timing import timing
 

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("pymap3d", reason="pip install ufirext[cli]")
 
 from ufirext import HorizonError, best_horizon, kinematic
-from ufirext.track.motion import choose
+from ufirext.track.motion import Wish, choose
 from ufirext.track.run import run
 from ufirext.track.summary import summarise
 from ufirext.track.timing import timing
@@ -26,7 +26,7 @@ def walk(rng, order, rows, q, sigma):
 
 def chosen(position, **told):
     track = recorded(np.arange(float(len(position))), position)
-    return track, timing(track), choose(track, timing(track), **told)
+    return track, timing(track), choose(track, timing(track), Wish(**told))
 
 
 def test_the_order_is_that_of_the_path():

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("pymap3d", reason="pip install ufirext[cli]")
 
-from ufirext.track.motion import choose
+from ufirext.track.motion import Wish, choose
 from ufirext.track.run import Motion, run
 from ufirext.track.series import LeftOut
 from ufirext.track.summary import duration, facts, summarise
@@ -75,7 +75,7 @@ def test_the_table_groups_what_was_left_out_and_counts_the_gaps(example):
         notes=["a note"],
     )
     axis = timing(short)
-    choice = choose(short, axis, order=1, horizon=8)
+    choice = choose(short, axis, Wish(order=1, horizon=8))
     estimates = run(short, axis, choice.motion)
     lines = facts(short, axis, choice, estimates, summarise(short, estimates))
     left = [text for heading, text in lines if heading == "left out"]
@@ -83,7 +83,7 @@ def test_the_table_groups_what_was_left_out_and_counts_the_gaps(example):
     assert left[0].endswith("and 2 more")
     assert left[1] == "1: time repeats: line 9 (5 s)"
     table = dict(lines)
-    assert table["gaps"] == "3, the longest 41 s; 1 longer than the window, a fresh start after each"
+    assert table["gaps"] == "3, the longest 41 s; 1 longer than a window, a fresh start after each"
     assert table["time"] == "3.3 min, nominally 1 Hz, on a grid"
     assert table["note"] == "a note"
 
