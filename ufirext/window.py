@@ -7,7 +7,6 @@ x_aim = T x_a + E w. A delayed measurement is only an older row (MATHEMATICS: on
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -90,8 +89,9 @@ class Row:
 def whitened(rows: Array, R: Array) -> Array:
     """W `rows` with W R W' = I: by the Cholesky factor of R where that loses nothing, else by `whitener`."""
     if len(R) == 1:
-        variance = R.item()
-        return rows / math.sqrt(variance) if variance > 0.0 else rows
+        variance = float(R.item())
+        scaled: Array = rows / np.sqrt(variance if variance > 0.0 else 1.0)
+        return scaled
     L, info = cholesky_factor()(R, lower=1)
     if not info:
         for pivot, variance in zip(L.diagonal().tolist(), R.diagonal().tolist(), strict=True):
@@ -100,7 +100,8 @@ def whitened(rows: Array, R: Array) -> Array:
         else:
             result: Array = triangular_solver()(L, rows, lower=1)[0]
             return result
-    return whitener(R).dot(rows)
+    white: Array = whitener(R).dot(rows)
+    return white
 
 
 def whitener(R: Array) -> Array:

@@ -6,6 +6,8 @@ table is built row by row, so that no step is long.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import dropwhile, takewhile
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,6 +17,7 @@ from .._lapack import cholesky_solver
 from ..window import Row
 from .blocks import Block, Suffix
 from .covariance import Covariance
+from .exact import window_covariance
 from .records import Limits, Records, Solution
 
 # A scaled pivot below this: the normal equations would lose too much, the reference solves instead.
@@ -83,7 +86,7 @@ class Varying(Records):
         E = self.steps[-1].affine
         active.advance(E)
         self.tallies[now] = self.tallies[now - 1]
-        # The following block takes over when the table of the active one ends, `overlap` steps from its start.
+        # The following block takes over, `overlap` steps old, when the table of the active one ends.
         horizon, overlap = self.limits.horizon, max(1, self.limits.horizon // OVERLAP)
         if following is not None:
             following.advance(E)
@@ -265,27 +268,42 @@ class Past(NamedTuple):
     now: int
     newest: Row | None
 
+    def rows(self) -> Iterator[Row]:
+        """All rows of then, the last to arrive first."""
+        return dropwhile(lambda row: row is not self.newest, reversed(self.engine.rows))
+
     def solution(self) -> Solution:
         """The reference solution of then."""
         engine = self.engine
         records = Records.copy(engine)
-        rows = engine.rows
-        place = next((i for i in range(len(rows) - 1, -1, -1) if rows[i] is self.newest), None)
-        if place is None:
-            raise RuntimeError("the window of this estimate is gone; read P within the step")
-        records.rows = rows[: place + 1]
+        records.rows = list(self.rows())[::-1]
         while records.now > self.now:
             records.steps.pop()
             records.now -= 1
         records.after = None
         result = Records.solve(records, engine.limits)
         if result is None:
-            raise RuntimeError(f"the window of step {self.now} has no estimate")
+            raise RuntimeError("the window of this estimate is gone; read P within the step")
         return result
+
+    def covariance(self) -> Array:
+        """P of then."""
+        engine, earlier = self.engine, self.rows()
+        bound = self.now - engine.limits.horizon
+        if engine.limits.by_arrival:
+            earlier = takewhile(lambda row: row.arrival > bound, earlier)
+        rows = [row for row in earlier if engine._key(row) > bound]
+        if not rows:
+            raise RuntimeError("the window of this estimate is gone; read P within the step")
+        if all(row.correlation is None for row in rows):
+            P = window_covariance(rows, engine.step, self.now)
+            if P is not None:
+                return P
+        return self.solution().covariance.value
 
 
 def _covariance(past: Past) -> Array:
-    return past.solution().covariance.value
+    return past.covariance()
 
 
 def _gain(past: Past) -> Array:
