@@ -35,7 +35,8 @@ def real(value: ArrayLike, name: str) -> Array:
 def finite(array: Array, name: str) -> Array:
     """`array` itself, after checking that it holds neither NaN nor infinity."""
     # The sum of squares is the quickest look, and unlike a plain sum it warns of nothing.
-    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+    flat = array.ravel()
+    if not math.isfinite(flat.dot(flat)) and not np.isfinite(array).all():
         bad = [tuple(int(i) for i in where) for where in np.argwhere(~np.isfinite(array))[:3]]
         raise NonFiniteError(f"{name} must be finite, got NaN or inf at {', '.join(map(str, bad))}")
     return array
@@ -44,8 +45,10 @@ def finite(array: Array, name: str) -> Array:
 def matrix(value: ArrayLike, shape: Shape, name: str, meaning: str = "") -> Array:
     """A finite float64 matrix of `shape` (None: any size); a scalar fits where every size is 1 or None."""
     array = real(value, name)
-    if array.shape == shape:
-        return finite(array, name)
+    return finite(array if array.shape == shape else _shaped(array, shape, name, meaning), name)
+
+
+def _shaped(array: Array, shape: Shape, name: str, meaning: str) -> Array:
     if array.ndim == 0 and all(size in (1, None) for size in shape):
         array = array.reshape((1,) * len(shape))
     if array.ndim != len(shape) or any(
@@ -55,15 +58,15 @@ def matrix(value: ArrayLike, shape: Shape, name: str, meaning: str = "") -> Arra
         raise ShapeError(
             f"{name} must have shape {wanted}{' ' + meaning if meaning else ''}, got {array.shape}"
         )
-    return finite(array, name)
+    return array
 
 
 def square(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
     """A finite (size, size) matrix; a scalar s stands for s * identity, as in filterpy."""
-    array = real(value, name)
+    array, shape = real(value, name), (size, size)
     if array.ndim == 0:
         return np.eye(size) * finite(array, name)
-    return matrix(array, (size, size), name, meaning)
+    return finite(array if array.shape == shape else _shaped(array, shape, name, meaning), name)
 
 
 def covariance(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
@@ -79,9 +82,9 @@ def check_covariance(array: Array, name: str) -> None:
         if array[0, 0] < 0.0:
             raise CovarianceError(f"{name} must be positive semidefinite, got the variance {array[0, 0]:.3g}")
         return
-    if np.count_nonzero(array) == np.count_nonzero(array.diagonal()) and array.diagonal().min() >= 0.0:
+    if array.tobytes() == array.T.tobytes() and is_positive_definite(array):
         return
-    if (array == array.T).all() and is_positive_definite(array):
+    if np.count_nonzero(array) == np.count_nonzero(array.diagonal()) and array.diagonal().min() >= 0.0:
         return
     scale = float(np.abs(array).max(initial=0.0))
     if scale == 0.0:

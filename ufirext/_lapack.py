@@ -22,6 +22,22 @@ def cholesky_solver() -> Any:
     return dposv
 
 
+@cache
+def cholesky_factor() -> Any:
+    """dpotrf: factor, info of a symmetric positive definite matrix."""
+    from scipy.linalg.lapack import dpotrf
+
+    return dpotrf
+
+
+@cache
+def triangular_solver() -> Any:
+    """dtrtrs: solution, info of a triangular system."""
+    from scipy.linalg.lapack import dtrtrs
+
+    return dtrtrs
+
+
 def is_positive_definite(array: Array) -> bool:
     """Whether a symmetric matrix has a Cholesky factor; by LAPACK itself once SciPy is there anyway."""
     lapack = sys.modules.get("scipy.linalg.lapack")

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ._arrays import Array
+from ._lapack import cholesky_factor, triangular_solver
 from .model import Model
 
 # Singular values of the column-scaled rows below this fraction of the largest count as zero.
@@ -22,11 +23,13 @@ RANK_TOLERANCE = 1e-10
 REACH_TOLERANCE = 1e-8
 # Eigenvalues of a singular R are lifted to this fraction of the largest, so that it can be a weight.
 R_FLOOR = 1e-12
+# Squared scaled pivots of an R above this: it is far from singular.
+GOOD_PIVOT = 1e-6
 # Entries of the stacked rows beyond this would overflow when squared.
 LARGEST = 1e150
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)  # not frozen, which would cost more than all the rest; nobody writes to a row
 class Row:
     """One measurement: `z` = H x_origin + v, cov v = R, received at step `arrival`.
 
@@ -43,22 +46,63 @@ class Row:
     z: Array
     shift: Array | None = None
     correlation: Array | None = None
+    _affine: Array | None = field(default=None, init=False, repr=False)
+    _gram: Array | None = field(default=None, init=False, repr=False)
+    _information: float | None = field(default=None, init=False, repr=False)
 
     @cached_property
     def whitener(self) -> Array:
         """W with W R W' = I; rows are weighted by their R."""
         return whitener(self.R)
 
-    @cached_property
+    @property
+    def affine(self) -> Array:
+        """The whitened [H, -z], (m, dim_x + 1): times [x; 1] it is noise of covariance I."""
+        if self._affine is None:
+            m, n = self.H.shape
+            rows = np.empty((m, n + 1))
+            rows[:, :n] = self.H
+            rows[:, n] = -self.z if self.shift is None else self.H.dot(self.shift) - self.z
+            self._affine = whitened(rows, self.R)
+        return self._affine
+
+    @property
+    def gram(self) -> Array:
+        """B'B of the affine row B, (dim_x + 1, dim_x + 1)."""
+        if self._gram is None:
+            B = self.affine
+            self._gram = B.T.dot(B)
+        return self._gram
+
+    @property
     def white(self) -> Array:
         """The whitened H."""
-        white: Array = self.whitener.dot(self.H)
-        return white
+        return self.affine[:, :-1]
 
-    @cached_property
+    @property
     def information(self) -> float:
         """trace(H' R^-1 H), by which negligible rows are recognised."""
-        return float(np.vdot(self.white, self.white))
+        if self._information is None:
+            self._information = sum(self.gram.diagonal()[:-1].tolist())
+        return self._information
+
+
+def whitened(rows: Array, R: Array) -> Array:
+    """W `rows` with W R W' = I: by the Cholesky factor of R where that loses nothing, else by `whitener`."""
+    if len(R) == 1:
+        variance = float(R.item())
+        scaled: Array = rows / np.sqrt(variance if variance > 0.0 else 1.0)
+        return scaled
+    L, info = cholesky_factor()(R, lower=1)
+    if not info:
+        for pivot, variance in zip(L.diagonal().tolist(), R.diagonal().tolist(), strict=True):
+            if pivot * pivot < GOOD_PIVOT * variance:
+                break
+        else:
+            result: Array = triangular_solver()(L, rows, lower=1)[0]
+            return result
+    white: Array = whitener(R).dot(rows)
+    return white
 
 
 def whitener(R: Array) -> Array:

@@ -1,7 +1,9 @@
 """Blocks of associative elements: a boundary, the sum of what came after, suffixes of what came before.
 
-Rows after the boundary t are summed up in the frame of x_f, f <= t (forward products only); rows up to t are
-kept as a table of suffixes, each in the frame of its oldest origin. A window is one suffix and the sum.
+Everything is in the coordinates [x; 1]: a transition is E = [[F, known], [0, 1]], a whitened row B with
+B [x; 1] = noise, so that known inputs need no thought. Rows after the boundary t are summed up in the frame
+of x_f, f <= t (forward products only); rows up to t are kept as a table of suffixes, each in the frame of its
+oldest origin. A window is one suffix and the sum.
 """
 
 from __future__ import annotations
@@ -14,29 +16,38 @@ from .._arrays import Array
 
 
 class Suffix(NamedTuple):
-    """Information on x_a from the rows after a bound, up to the boundary: Lam, eta, and Phi(f, a)."""
+    """Sum of B'B over the rows after a bound, up to the boundary, in the frame of x_a; and Phi(f, a)."""
 
-    Lam: Array
-    eta: Array
+    sum: Array
     lead: Array
 
 
 class Block:
-    """A boundary t, the sums of what came after it, and the suffixes before it."""
+    """A boundary t, the sum of what came after it, and the suffixes before it."""
 
     def __init__(self, boundary: int, frame: int, dim_x: int) -> None:
         self.boundary, self.frame = boundary, frame
-        self.Lam, self.eta = np.zeros((dim_x, dim_x)), np.zeros(dim_x)
-        self.products = [np.eye(dim_x)]  # Phi(frame + j, frame)
-        self.suffixes = [Suffix(self.Lam.copy(), self.eta.copy(), self.products[0])]
+        self.sum = np.zeros((dim_x + 1, dim_x + 1))
+        self.products = [np.eye(dim_x + 1)]  # Phi(frame + j, frame)
+        self.suffixes = [Suffix(self.sum.copy(), self.products[0])]
         self.oldest = frame
 
-    def advance(self, F: Array) -> None:
+    def advance(self, E: Array) -> None:
         """One more transition."""
-        self.products.append(F.dot(self.products[-1]))
+        self.products.append(E.dot(self.products[-1]))
 
-    def add(self, origin: int, H: Array, z: Array) -> None:
-        """A whitened row after the boundary."""
-        A = H.dot(self.products[origin - self.frame])
-        self.Lam += A.T.dot(A)
-        self.eta += z.dot(A)
+    def move(self, delta: Array) -> None:
+        """x of now was moved by delta."""
+        moved = self.products[-1].copy()
+        moved[:-1, -1] += delta
+        self.products[-1] = moved
+
+    def add(self, origin: int, gram: Array) -> None:
+        """B'B of a row after the boundary."""
+        product = self.products[origin - self.frame]
+        self.sum += product.T.dot(gram.dot(product))
+
+    def window(self, bound: int) -> tuple[Array, Array]:
+        """The rows after `bound`: sum of B'B in the frame of their oldest state, and Phi from it to now."""
+        older, lead = self.suffixes[self.boundary - bound]
+        return older + lead.T.dot(self.sum.dot(lead)), self.products[-1].dot(lead)

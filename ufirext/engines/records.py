@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from .covariance import Covariance
 NEGLIGIBLE = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)  # not frozen, which would cost more than all the rest; nobody writes to a step
 class Step:
     """x_n = F x_{n-1} + known + w, cov w = Q. `known` holds inputs and edits of x, up to the rows of this
     step.
@@ -32,6 +32,19 @@ class Step:
     F: Array
     Q: Array
     known: Array | None = None
+    _affine: Array | None = field(default=None, init=False, repr=False)
+
+    @property
+    def affine(self) -> Array:
+        """E = [[F, known], [0, 1]], the transition of [x; 1]."""
+        if self._affine is None:
+            n = len(self.F)
+            E = np.zeros((n + 1, n + 1))
+            E[:n, :n], E[n, n] = self.F, 1.0
+            if self.known is not None:
+                E[:n, n] = self.known
+            self._affine = E
+        return self._affine
 
 
 class Limits(NamedTuple):
@@ -111,6 +124,8 @@ class Records:
     def _compress(self) -> None:
         """Many rows of one step become at most dim_x, by QR: memory stays bounded. The last stays."""
         rows = self.rows
+        if not rows or rows[-1].arrival < self.now:
+            return
         first = len(rows)
         while first and _plain(rows[first - 1], self.now):
             first -= 1
@@ -125,13 +140,13 @@ class Records:
 
     def negligible(self, row: Row) -> bool:
         """A row whose information is nothing beside the largest in reach counts as missing."""
-        if not self.rows:
-            return False
-        if self.peak is None or self.peak.arrival < self.rows[0].arrival:
-            self.peak = max(self.rows, key=lambda other: other.information)
-        if row.information > self.peak.information:
+        peak, information = self.peak, row.information
+        if peak is None or information < NEGLIGIBLE * peak.information:
+            # The peak may have left the reach; what is not negligible beside an older one is not at all.
+            peak = self.peak = max(self.rows, key=lambda other: other.information, default=row)
+        if information > peak.information:
             self.peak = row
-        return row.information < NEGLIGIBLE * self.peak.information
+        return bool(self.rows) and information < NEGLIGIBLE * peak.information
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more."""

@@ -6,7 +6,9 @@ table is built row by row, so that no step is long.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from itertools import dropwhile, takewhile
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -15,14 +17,15 @@ from .._lapack import cholesky_solver
 from ..window import Row
 from .blocks import Block, Suffix
 from .covariance import Covariance
+from .exact import window_covariance
 from .records import Limits, Records, Solution
 
 # A scaled pivot below this: the normal equations would lose too much, the reference solves instead.
 WEAK_PIVOT = 1e-3
 # Transitions that grow beyond this over a window make start-referenced sums lose digits: likewise.
 GROWTH = 1e4
-# x_u starts anew after this many horizons.
-REBASE = 3
+# Two blocks are kept for one part in so many of the steps, in which the table of the next one is built.
+OVERLAP = 8
 
 
 class Varying(Records):
@@ -33,31 +36,30 @@ class Varying(Records):
     following: Block | None = None
 
     @classmethod
-    def over(cls, records: Records, limits: Limits) -> Varying:
+    def over(cls, records: Records, limits: Limits) -> Self:
         """Take over a past."""
         engine = object.__new__(cls)
         engine.__dict__.update(records.__dict__)
-        engine.limits = limits
-        engine.by_key, engine.active, engine.following = {}, None, None
-        engine.spread = 0
-        engine.counts, engine.path, engine.x_u, engine.rebuilt = {}, {}, None, records.now
+        engine._begin(limits)
         for row in records.rows:
             engine._index(row)
         return engine
 
     def __init__(self, first_F: Array, first_Q: Array, now: int, limits: Limits) -> None:
         super().__init__(first_F, first_Q, now)
+        self._begin(limits)
+
+    def _begin(self, limits: Limits) -> None:
         self.limits = limits
+        self.active = self.following = None
         self.by_key: dict[int, list[Row]] = {}
         self.spread = 0  # longest delay seen
-        self.counts: dict[int, int] = {}
-        self.path: dict[int, Array] = {}
-        self.x_u: Array | None = None
-        self.rebuilt = now
+        self.tallies: dict[int, Tally] = {}  # of all rows with keys up to a step
+        self.next_forget = self.now
 
-    def copy(self) -> Varying:
+    def copy(self) -> Self:
         """An independent copy; it builds its sums anew."""
-        fork = object.__new__(Varying)
+        fork = object.__new__(type(self))
         fork.__dict__.update(self.__dict__)
         fork.steps, fork.rows = self.steps.copy(), self.rows.copy()
         fork.by_key = {key: rows.copy() for key, rows in self.by_key.items()}
@@ -71,80 +73,61 @@ class Varying(Records):
         return row.arrival if self.limits.by_arrival else row.origin
 
     def _index(self, row: Row) -> None:
-        rows = self.by_key.setdefault(self._key(row), [])
-        rows.append(row)
+        self.by_key.setdefault(self._key(row), []).append(row)
         self.spread = max(self.spread, row.arrival - row.origin)
 
     # -- transitions -----------------------------------------------------------------------------------------
 
     def advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """One predict()."""
-        if self.active is not None:
-            self._advance_sums(F, known)
         super().advance(F, Q, known)
-
-    def _advance_sums(self, F: Array, known: Array | None) -> None:
-        block, now = self.active, self.now + 1
-        if block is None:
+        active, following, now = self.active, self.following, self.now
+        if active is None:
             return
-        block.advance(F)
-        if self.following is not None:
-            self.following.advance(F)
-        self.counts[now] = self.counts[now - 1]
-        if known is not None and self.x_u is None:
-            self.x_u = np.zeros(len(F))
-        if self.x_u is not None:
-            self.x_u = F.dot(self.x_u) if known is None else F.dot(self.x_u) + known
-            self.path[now] = self.x_u
-            if now - self.rebuilt > REBASE * self.limits.horizon:
-                self.active = None
-                return
-        self._prepare(block, now, F)
-
-    def _prepare(self, block: Block, now: int, F: Array) -> None:
-        """Build the following block a row at a time, and go over to it when its table reaches far enough
-        back.
-        """
-        horizon = self.limits.horizon
-        half = horizon // 2
-        if self.following is None and now - 1 == block.boundary + half:
-            self.following = self._block(now - 1)
-            self.following.advance(F)
-        following = self.following
+        E = self.steps[-1].affine
+        active.advance(E)
+        self.tallies[now] = self.tallies[now - 1]
+        # The following block takes over, `overlap` steps old, when the table of the active one ends.
+        horizon, overlap = self.limits.horizon, max(1, self.limits.horizon // OVERLAP)
         if following is not None:
-            if len(following.suffixes) <= half:
-                self._lengthen(following)
-            if now - following.boundary >= horizon - half:
+            following.advance(E)
+        elif now - active.boundary > horizon - overlap:
+            following = self.following = self._block(now - 1)
+            following.advance(E)
+        if following is not None:
+            for _ in range(min(OVERLAP + 1, horizon - overlap + 1 - len(following.suffixes))):
+                self._lengthen(following)  # a few at a time, so that no step is long
+            if now - active.boundary >= horizon:
                 self.active, self.following = following, None
 
     def edit(self, delta: Array, after_rows: bool) -> None:
         """x was moved from outside."""
         super().edit(delta, after_rows)
-        if self.active is not None:
-            self.x_u = delta if self.x_u is None else self.x_u + delta
-            if not after_rows:
-                self.path[self.now] = self.x_u
+        if not after_rows:
+            for block in (self.active, self.following):
+                if block is not None:
+                    block.move(delta)
 
     def add(self, row: Row) -> None:
         """A row that arrived now."""
         super().add(row)
         row = self.rows[-1]
-        spread = self.spread
+        spread, key = self.spread, self._key(row)
         self._index(row)
-        block = self.active
-        if block is None:
+        active, following = self.active, self.following
+        if active is None:
             return
-        if self.spread > spread or self._key(row) <= max(
-            block.boundary, self.following.boundary if self.following else 0
-        ):
+        newest = active.boundary if following is None else following.boundary
+        if self.spread > spread or key <= newest:
             self.active = self.following = None  # the sums have no place for it
             return
-        for step in range(self._key(row), self.now + 1):
-            self.counts[step] += 1
-        H, z = self._white(row)
-        block.add(row.origin, H, z)
-        if self.following is not None:
-            self.following.add(row.origin, H, z)
+        alone = row.origin == self.now and len(self.by_key[key]) == 1
+        for step in range(key, self.now + 1):
+            tally = self.tallies[step]
+            self.tallies[step] = Tally(tally.rows + 1, tally.instants + alone)
+        active.add(row.origin, row.gram)
+        if following is not None:
+            following.add(row.origin, row.gram)
 
     def _compress(self) -> None:
         """Many rows of one step become few; the sums hold them already."""
@@ -154,25 +137,18 @@ class Varying(Records):
             here = [row for row in self.rows[-3:] if row.arrival == row.origin == self.now]
             self.by_key[self.now] = here
             if self.active is not None:
-                self.counts[self.now] = self.counts[self.now - 1] + len(here)
-
-    def _white(self, row: Row) -> tuple[Array, Array]:
-        """The row whitened, its measurement free of x_u."""
-        z, moved = row.z, self.path.get(row.origin)
-        if moved is not None:
-            z = z - row.H.dot(moved)
-        if row.shift is not None:
-            z = z - row.H.dot(row.shift)
-        return row.white, row.whitener.dot(z)
+                earlier = self.tallies[self.now - 1]
+                self.tallies[self.now] = Tally(earlier.rows + len(here), earlier.instants + 1)
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, two steps late: covariances are worked out afterwards."""
-        bound = self.now - limits.reach - 2
-        if not self.rows or self._key(self.rows[0]) > bound - max(32, limits.reach // 2):
+        if self.now < self.next_forget:
             return  # in batches: a step costs the same at every horizon
+        self.next_forget = self.now + max(32, limits.reach // 2)
+        bound = self.now - limits.reach - 2
         self.rows = [row for row in self.rows if self._key(row) > bound]
         kept = bound - self.spread - limits.reach
-        for table in (self.by_key, self.counts, self.path):
+        for table in (self.by_key, self.tallies):
             for step in [step for step in table if step <= kept]:
                 del table[step]
         # The blocks still ask for the transitions from their frames on.
@@ -187,61 +163,42 @@ class Varying(Records):
     def _block(self, boundary: int) -> Block:
         block = Block(boundary, boundary - self.spread, len(self.steps[-1].F))
         for step in range(block.frame + 1, boundary + 1):
-            block.advance(self.step(step).F)
+            block.advance(self.step(step).affine)
         return block
 
     def _lengthen(self, block: Block) -> None:
         """One more suffix: the rows of the next older key join, in the frame of the oldest origin."""
-        Lam, eta, lead = block.suffixes[-1]
+        total, lead = block.suffixes[-1]
         rows = self.by_key.get(block.boundary - len(block.suffixes) + 1, ())
         for row in rows:
             while block.oldest > row.origin:
-                F = self.step(block.oldest).F
-                Lam, eta, lead = F.T.dot(Lam).dot(F), eta.dot(F), lead.dot(F)
+                E = self.step(block.oldest).affine
+                total, lead = E.T.dot(total.dot(E)), lead.dot(E)
                 block.oldest -= 1
-        products: dict[int, Array] = {}
-        for row in rows:
-            H, z = self._white(row)
-            if row.origin > block.oldest:
-                if not products:
-                    products = self._products(block.oldest, max(r.origin for r in rows))
-                H = H.dot(products[row.origin])
-            Lam, eta = Lam + H.T.dot(H), eta + z.dot(H)
-        block.suffixes.append(Suffix(Lam, eta, lead))
-
-    def _products(self, start: int, stop: int) -> dict[int, Array]:
-        products = {start: np.eye(len(self.steps[-1].F))}
-        for step in range(start + 1, stop + 1):
-            products[step] = self.step(step).F.dot(products[step - 1])
-        return products
+        ahead, step = None, block.oldest
+        for row in sorted(rows, key=lambda row: row.origin) if len(rows) > 1 else rows:
+            while step < row.origin:
+                step += 1
+                E = self.step(step).affine
+                ahead = E if ahead is None else E.dot(ahead)
+            total = total + (row.gram if ahead is None else ahead.T.dot(row.gram.dot(ahead)))
+        block.suffixes.append(Suffix(total, lead))
 
     def _build(self) -> Block:
-        """All sums anew, with x_u from zero at the oldest step a window or a late row can need."""
+        """All sums anew."""
         horizon, now = self.limits.horizon, self.now
-        self.following, self.rebuilt = None, now
         start = now - horizon - self.spread
-        self._retrace(start)
-        self.counts = {start - 1: 0}
-        total = 0
+        tally = Tally(0, 0)
+        self.tallies = {start - 1: tally}
         for step in range(start, now + 1):
-            total += len(self.by_key.get(step, ())) if step > now - horizon else 0
-            self.counts[step] = total
-        block = self.active = self._block(now)
+            rows = self.by_key.get(step, ()) if step > now - horizon else ()
+            alone = any(row.origin == step for row in rows)
+            tally = self.tallies[step] = Tally(tally.rows + len(rows), tally.instants + alone)
+        self.following, block = None, self._block(now)
         for _ in range(horizon):
             self._lengthen(block)
+        self.active = block
         return block
-
-    def _retrace(self, start: int) -> None:
-        """x_u as a trajectory from zero at `start`; none at all where nothing is known."""
-        steps = {step: self.step(step) for step in range(start + 1, self.now + 1)}
-        self.path, self.x_u = {}, None
-        if self.after is None and all(step.known is None for step in steps.values()):
-            return
-        moved = np.zeros(len(self.steps[-1].F))
-        for number, step in steps.items():
-            moved = step.F.dot(moved) if step.known is None else step.F.dot(moved) + step.known
-            self.path[number] = moved
-        self.x_u = moved if self.after is None else moved + self.after
 
     # -- the estimate ----------------------------------------------------------------------------------------
 
@@ -252,49 +209,57 @@ class Varying(Records):
         x = self._from_sums()
         if x is None:
             return super().solve(limits)
-        past = Past(self, self.now, self.rows[-1] if self.rows else None)
+        past = (Past(self, self.now, self.rows[-1] if self.rows else None),)
         return Solution(
-            x,
-            Covariance(_covariance, (past,)),
-            Covariance(_gain, (past,)),
-            Covariance(_newest, (past,)),
-            self._count(),
+            x if self.after is None else x + self.after,
+            Covariance(_covariance, past),
+            Covariance(_gain, past),
+            Covariance(_newest, past),
+            self._tally().rows,
         )
 
-    def _count(self) -> int:
-        now = self.now
-        return self.counts[now] - self.counts.get(now - self.limits.horizon, 0)
+    def _tally(self) -> Tally:
+        now, then = self.tallies[self.now], self.tallies.get(self.now - self.limits.horizon)
+        return now if then is None else Tally(now.rows - then.rows, now.instants - then.instants)
 
     def _enough(self, wanted: int) -> bool:
         """Whether the window holds rows of so many origins."""
-        origins = set()
-        for key in range(self.now, self.now - self.limits.horizon, -1):
-            for row in self.by_key.get(key, ()):
-                origins.add(row.origin)
-            if len(origins) >= wanted:
-                return True
-        return False
+        if self._tally().instants >= wanted:
+            return True
+        window = range(self.now, self.now - self.limits.horizon, -1)
+        return len({row.origin for key in window for row in self.by_key.get(key, ())}) >= wanted
 
     def _from_sums(self) -> Array | None:
-        limits, now = self.limits, self.now
-        block = self.active
-        if block is None or not 0 <= block.boundary - now + limits.horizon < len(block.suffixes):
+        limits, now, block = self.limits, self.now, self.active
+        bound = now - limits.horizon
+        if block is None or not 0 <= block.boundary - bound < len(block.suffixes):
             block = self._build()
         if limits.extends and not self._enough(min(limits.horizon, limits.instants)):
             return None
-        Lam, eta, lead = block.suffixes[block.boundary - now + limits.horizon]
-        Lam = Lam + lead.T.dot(block.Lam.dot(lead))
-        scale = np.sqrt(Lam.diagonal())
-        ahead = block.products[now - block.frame].dot(lead)
-        if not min(scale.tolist()) > 0.0 or np.vdot(ahead, ahead) > GROWTH**2:
+        total, ahead = block.window(bound)
+        Lam, Phi, flat = total[:-1, :-1], ahead[:-1, :-1], ahead.ravel()
+        factor, solution, info = cholesky_solver()(Lam, total[:-1, -1])
+        if info or not _strong(factor, Lam):
             return None
-        factor, solution, info = cholesky_solver()(
-            Lam / np.multiply.outer(scale, scale), (eta + block.eta.dot(lead)) / scale
-        )
-        if info or min(factor.diagonal().tolist()) < WEAK_PIVOT:
+        if flat.dot(flat) > GROWTH**2 and np.vdot(Phi, Phi) > GROWTH**2:
             return None
-        x: Array = ahead.dot(solution / scale)
-        return x if self.x_u is None else x + self.x_u
+        x: Array = ahead[:-1, -1] - Phi.dot(solution)
+        return x
+
+
+class Tally(NamedTuple):
+    """Counts: rows, and steps that brought one of their own (at least so many instants)."""
+
+    rows: int
+    instants: int
+
+
+def _strong(factor: Array, Lam: Array) -> bool:
+    """Whether no pivot of the Cholesky factor is small beside its diagonal entry: scaling changes nothing."""
+    for pivot, entry in zip(factor.diagonal().tolist(), Lam.diagonal().tolist(), strict=True):
+        if pivot * pivot < WEAK_PIVOT**2 * entry:
+            return False
+    return True
 
 
 class Past(NamedTuple):
@@ -304,27 +269,42 @@ class Past(NamedTuple):
     now: int
     newest: Row | None
 
+    def rows(self) -> Iterator[Row]:
+        """All rows of then, the last to arrive first."""
+        return dropwhile(lambda row: row is not self.newest, reversed(self.engine.rows))
+
     def solution(self) -> Solution:
         """The reference solution of then."""
         engine = self.engine
         records = Records.copy(engine)
-        rows = engine.rows
-        place = next((i for i in range(len(rows) - 1, -1, -1) if rows[i] is self.newest), None)
-        if place is None:
-            raise RuntimeError("the window of this estimate is gone; read P within the step")
-        records.rows = rows[: place + 1]
+        records.rows = list(self.rows())[::-1]
         while records.now > self.now:
             records.steps.pop()
             records.now -= 1
         records.after = None
         result = Records.solve(records, engine.limits)
         if result is None:
-            raise RuntimeError(f"the window of step {self.now} has no estimate")
+            raise RuntimeError("the window of this estimate is gone; read P within the step")
         return result
+
+    def covariance(self) -> Array:
+        """P of then."""
+        engine, earlier = self.engine, self.rows()
+        bound = self.now - engine.limits.horizon
+        if engine.limits.by_arrival:
+            earlier = takewhile(lambda row: row.arrival > bound, earlier)
+        rows = [row for row in earlier if engine._key(row) > bound]
+        if not rows:
+            raise RuntimeError("the window of this estimate is gone; read P within the step")
+        if all(row.correlation is None for row in rows):
+            P = window_covariance(rows, engine.step, self.now)
+            if P is not None:
+                return P
+        return self.solution().covariance.value
 
 
 def _covariance(past: Past) -> Array:
-    return past.solution().covariance.value
+    return past.covariance()
 
 
 def _gain(past: Past) -> Array:

@@ -173,7 +173,7 @@ class FilterState:
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""
-        x = F @ self.x
+        x = F.dot(self.x)
         self._advance(F, Q, known)
         self._publish(x if known is None else x + known, self.P.predicted(F, Q, self.fading))
         self.now += 1
@@ -206,7 +206,7 @@ class FilterState:
     def sees_all(self, H: Array) -> bool:
         """Whether every row of H measures something; remembered for the last H asked about."""
         if self._asked is not H:
-            self._asked, self._whole = H, bool(H.any(axis=1).all()) and len(H) in _ALL
+            self._asked, self._whole = H, all(map(any, H.tolist())) and len(H) in _ALL
         return self._whole
 
     def warm(self) -> None:
@@ -261,10 +261,11 @@ class _Matrix:
         self.shape, self.name, self.meaning = shape, name, meaning
 
     def __call__(self, value: Any) -> Array:
-        array = real(value, self.name)
-        if array.ndim < 2 and array.size == self.shape[0] * self.shape[1]:
-            array = array.reshape(self.shape)
-        return matrix(array, self.shape, self.name, self.meaning)
+        if not (isinstance(value, np.ndarray) and value.ndim == 2):
+            value = real(value, self.name)
+            if value.ndim < 2 and value.size == self.shape[0] * self.shape[1]:
+                value = value.reshape(self.shape)
+        return matrix(value, self.shape, self.name, self.meaning)
 
 
 class _Square:
@@ -272,13 +273,9 @@ class _Square:
         self.size, self.name = size, name
 
     def __call__(self, value: Any) -> Array:
-        array = real(value, self.name)
-        return square(
-            array.reshape(()) if array.size == self.size == 1 else array,
-            self.size,
-            self.name,
-            "(dim_x, dim_x)",
-        )
+        if self.size == 1:
+            value = scalar(value, self.name)
+        return square(value, self.size, self.name, "(dim_x, dim_x)")
 
 
 class _Covariance:
@@ -286,12 +283,17 @@ class _Covariance:
         self.size, self.name = size, name
 
     def __call__(self, value: Any) -> Array:
-        array = real(value, self.name)
-        if array.size == self.size == 1:
-            array = array.reshape(())
+        if self.size == 1:
+            value = scalar(value, self.name)
         return covariance(
-            array, self.size, self.name, "(dim_z, dim_z)" if self.name == "R" else "(dim_x, dim_x)"
+            value, self.size, self.name, "(dim_z, dim_z)" if self.name == "R" else "(dim_x, dim_x)"
         )
+
+
+def scalar(value: Any, name: str) -> Array:
+    """A single number in whatever brackets, without them."""
+    array = real(value, name)
+    return array.reshape(()) if array.size == 1 else array
 
 
 class _Inputs:

@@ -15,7 +15,7 @@ from ._arguments import input_matrix, input_vector, measurement
 from ._attributes import Attributes
 from ._describe import describe
 from ._series import PerStep, run_series, smooth_series
-from ._state import FilterState
+from ._state import FilterState, scalar
 from ._update import LOG_SMALLEST, log_normal
 
 
@@ -109,8 +109,7 @@ class FilterSurface(Attributes):
         if R is not None:
             R_now = state.R.known(R)
             if R_now is None:
-                raw = real(R, "R")
-                R_now = covariance(raw.reshape(()) if raw.size == m == 1 else raw, m, "R", "(rows of H)")
+                R_now = covariance(scalar(R, "R") if m == 1 else R, m, "R", "(rows of H)")
         else:
             R_now = state.R.value
             if len(R_now) != m:
@@ -120,7 +119,8 @@ class FilterSurface(Attributes):
         return measurement(z, m), H_now, R_now
 
     def _observation(self, H: ArrayLike) -> Array:
-        return matrix(np.atleast_2d(real(H, "H")), (None, self.dim_x), "H", "(rows, dim_x)")
+        rows = H if isinstance(H, np.ndarray) and H.ndim == 2 else np.atleast_2d(real(H, "H"))
+        return matrix(rows, (len(rows), self.dim_x), "H", "(rows, dim_x)")
 
     def predict_steadystate(self, u: ArrayLike | None = 0, B: ArrayLike | None = None) -> None:
         """`predict` that leaves P as it is."""
