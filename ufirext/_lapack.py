@@ -31,6 +31,16 @@ def cholesky_factor() -> Any:
 
 
 @cache
+def packed_cholesky() -> tuple[Any, Any]:
+    """dpptrf: factor, info of the packed upper triangle of a symmetric positive definite matrix; dpptrs:
+    solution, info.
+    """
+    from scipy.linalg.lapack import dpptrf, dpptrs
+
+    return dpptrf, dpptrs
+
+
+@cache
 def triangular_solver() -> Any:
     """dtrtrs: solution, info of a triangular system."""
     from scipy.linalg.lapack import dtrtrs

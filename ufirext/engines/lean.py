@@ -43,7 +43,10 @@ def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
     def put(z: Any) -> bool:
         kind = z.__class__
         try:
-            value = z if kind is float else z.item() if kind is np.ndarray else float(z)
+            if kind is np.ndarray:
+                value = z.item() if z.ndim < 3 else np.inf
+            else:
+                value = z if kind is float else float(z)
             if value - value != 0.0:
                 return False
             end = buffer.end

@@ -32,9 +32,12 @@ class Basis:
         self.length, self.rank = length, r
         blocks = U[:, :r].reshape(length, model.dim_z, r)
         self.back = np.ascontiguousarray((window.T / window.scale) @ (Vt[:r].T / s[:r]))
-        # eta = project @ (raw measurements of the window), Lam = grams @ weights
+        # eta = project @ (raw measurements of the window), Lam = grams @ weights in LAPACK's packed storage
         self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
-        self.grams = np.ascontiguousarray((blocks.transpose(0, 2, 1) @ blocks).reshape(length, r * r).T)
+        columns, rows = np.tril_indices(r)  # the upper triangle, column by column
+        grams = blocks.transpose(0, 2, 1) @ blocks
+        self.grams = np.ascontiguousarray(grams[:, rows, columns].T)
+        self.pivots = np.flatnonzero(rows == columns)
         self.blocks = blocks
         self.sound = window.determined()
 
@@ -49,7 +52,7 @@ class Plan:
         self.index = observability_index(model)
         self.whitener = readonly(whitener(model.R))
         self._gains: dict[int, Gain | None] = {}
-        self._covariances: dict[int, Covariance] = {}
+        self._lasting: dict[int, tuple[Covariance, Covariance, Covariance]] = {}
         self._bases: dict[int, Basis] = {}
         self._patterns: dict[bytes, Pattern] = {}
 
@@ -66,11 +69,19 @@ class Plan:
         gain = self._gains[length]
         return None if gain is None else gain.K
 
-    def covariance(self, length: int) -> Covariance:
-        """Exact error covariance of that gain, shared by all who ask."""
-        if length not in self._covariances:
-            self._covariances[length] = Covariance(_covariance, (self, length))
-        return self._covariances[length]
+    def lasting(self, length: int) -> tuple[Covariance, Covariance, Covariance]:
+        """What full windows of `length` steps share: exact covariance, gain, gain on the newest row."""
+        if length not in self._lasting:
+            gain = self.gain(length)
+            if gain is None:
+                raise UnobservableWindow(f"a window of {length} steps does not determine the state")
+            newest = gain[:, -self.model.dim_z :]
+            self._lasting[length] = (
+                Covariance(_covariance, (self, length)),
+                Covariance.of(gain),
+                Covariance.of(newest),
+            )
+        return self._lasting[length]
 
     def basis(self, length: int) -> Basis:
         """Basis of the full window of `length` steps."""

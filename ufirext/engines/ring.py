@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array
-from .._lapack import cholesky_solver
+from .._lapack import packed_cholesky
 from ..window import Row
 from .covariance import Covariance
 from .records import Records, Solution, Step
@@ -35,7 +35,10 @@ class Ring(Slots):
     @property
     def plain(self) -> bool:
         """Whether every step of the window has its own plain row."""
-        return 0 < self.length <= self.now - self.irregular and self.weights[self.end - 1] == 1.0
+        return self._is_plain(self.length)
+
+    def _is_plain(self, length: int) -> bool:
+        return 0 < length <= self.base + self.end - 1 - self.irregular and self.weights[self.end - 1] == 1.0
 
     def _moved(self, x: Array) -> Array:
         return x if self.inputs is None else x + self.inputs.now
@@ -45,36 +48,29 @@ class Ring(Slots):
         length = self.length
         if not length:
             return None
-        if self.plain and (length <= GROWING_GAINS or length == self.limits.horizon):
-            return self._plain(length)
+        if (length <= GROWING_GAINS or length == self.limits.horizon) and self._is_plain(length):
+            gain = self.plan.gain(length)
+            if gain is None:
+                return None
+            x = gain.dot(self.free[self.end - length : self.end].reshape(-1))
+            return Solution(self._moved(x), *self.plan.lasting(length), length)
         return self._holed(length)
 
-    def _plain(self, length: int) -> Solution | None:
-        plan = self.plan
-        gain = plan.gain(length)
-        if gain is None:
-            return None
-        x = gain @ self.free[self.end - length : self.end].reshape(-1)
-        return Solution(
-            self._moved(x),
-            plan.covariance(length),
-            Covariance.of(gain),
-            Covariance.of(gain[:, -plan.model.dim_z :]),
-            length,
-        )
+    @property
+    def settled(self) -> bool:
+        """Whether the newest slot, which has a row, ends a full window of plain rows."""
+        horizon, now = self.limits.horizon, self.base + self.end - 1
+        return now - self.irregular >= horizon and self.begin is not None and now - self.begin >= horizon - 1
 
-    def grown_estimate(self) -> Array | None:
-        """x of a plain window that may still grow, flat (dim_x,), None where it is not determined."""
-        length = self.length
-        gain = self.plan.gain(length)
-        return None if gain is None else gain.dot(self.free[self.end - length : self.end].reshape(-1))
-
-    def hot_estimate(self) -> Array | None:
-        """x of a window with holes as flat (dim_x,), None where it takes more than normal equations."""
-        length, limits = self.length, self.limits
+    def estimate(self) -> Array | None:
+        """x, flat (dim_x,), of a window whose newest slot has a row; None where it takes the slow path."""
+        length, end = self.length, self.end
+        if self.base + end - 1 - self.irregular >= length and length <= GROWING_GAINS:
+            gain = self.plan.gain(length)
+            return None if gain is None else gain.dot(self.free[end - length : end].reshape(-1))
         span = self._span(length)
-        weights = self.weights[self.end - span : self.end]
-        if np.count_nonzero(weights) < min(limits.horizon, limits.instants):
+        weights = self.weights[end - span : end]
+        if np.count_nonzero(weights) < min(self.limits.horizon, self.limits.instants):
             return None
         return self._normal(span, weights)
 
@@ -105,28 +101,37 @@ class Ring(Slots):
 
     def _span(self, length: int) -> int:
         """Slots the working view covers: powers of two while the window grows need few bases."""
-        power = max(8, 1 << (length + self.overhang - 1).bit_length())
-        return min(power, self.limits.horizon + self.overhang)
+        overhang, horizon = self.overhang, self.limits.horizon
+        if length == horizon:
+            return horizon + overhang
+        return min(max(8, 1 << (length + overhang - 1).bit_length()), horizon + overhang)
 
     def _normal(self, span: int, weights: Array) -> Array | None:
-        """Normal equations in the basis of the full window; None where the rows are too few for them."""
+        """x of the last `span` slots by normal equations; None where the rows are too few for them."""
+        x = self._in_basis(span, weights, self.free[self.end - span : self.end])
+        return None if x is None else self._moved(x)
+
+    def _in_basis(self, span: int, weights: Array, free: Array) -> Array | None:
+        """Normal equations in the basis of the full window of `span` steps."""
         basis = self.plan.basis(span)
         r = basis.rank
         if not basis.sound or not r:
             return None
-        eta = basis.project @ self.free[self.end - span : self.end].reshape(-1)
-        factor, solution, info = cholesky_solver()((basis.grams @ weights).reshape(r, r), eta)
-        if info or min(factor.diagonal().tolist()) < WEAK_PIVOT:
+        eta = basis.project.dot(free.reshape(-1))
+        factorise, substitute = packed_cholesky()
+        factor, info = factorise(r, basis.grams.dot(weights))
+        if info or min(factor[basis.pivots].tolist()) < WEAK_PIVOT:
             return None
-        x: Array = basis.back @ solution
-        return self._moved(x)
+        solution, _ = substitute(r, factor, eta)
+        x: Array = basis.back.dot(solution)
+        return x
 
     def _patterned(self, weights: Array) -> Solution | None:
         key = weights.tobytes()
         pattern = self.plan.pattern(key)
         if not pattern.determined:
             return self._extended() if self.limits.extends else None
-        x = pattern.weighted_gain @ self.free[self.end - len(weights) : self.end].reshape(-1)
+        x = pattern.weighted_gain.dot(self.free[self.end - len(weights) : self.end].reshape(-1))
         return self._solution(self._moved(x), key, pattern.rows)
 
     def _extended(self) -> Solution | None:
@@ -139,9 +144,16 @@ class Ring(Slots):
         for count in range(min(wanted, len(present)), len(present) + 1):
             weights = reached[present[len(present) - count] :]
             key = weights.tobytes()
+            span = max(8, 1 << (len(weights) - 1).bit_length())
+            padding = np.zeros(span - len(weights))
+            free = np.zeros((span, self.free.shape[1]))
+            free[len(padding) :] = self.free[self.end - len(weights) : self.end]
+            x = self._in_basis(span, np.concatenate([padding, weights]), free)
+            if x is not None:
+                return self._solution(x, key, count)
             pattern = self.plan.pattern(key)
             if pattern.determined:
-                x = pattern.weighted_gain @ self.free[self.end - len(weights) : self.end].reshape(-1)
+                x = pattern.weighted_gain.dot(self.free[self.end - len(weights) : self.end].reshape(-1))
                 return self._solution(x, key, pattern.rows)
         return None
 

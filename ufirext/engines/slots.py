@@ -90,7 +90,7 @@ class Slots:
             if self.now - inputs.rebased >= REBASE * self.limits.horizon:
                 self._rebase(inputs)
         if self.spread and self.limits.by_arrival:
-            self._expire()
+            self._expire_one()
         if self.end == self.capacity:
             self.compact()
 
@@ -196,12 +196,10 @@ class Slots:
             return None
         return weight if 1.0 / ORDINARY < weight < ORDINARY else None
 
-    def weigh(self, weight: float, R: Array) -> None:
-        """Give the row stored last its weight."""
-        i, now = self.end - 1, self.now
-        z = self.free[i].copy()
-        self.odd[now] = Row(now, now, self.plan.model.H, R.reshape(len(z), -1).copy(), z)
-        self.free[i] *= weight
+    def weigh(self, weight: float, R: Array, z: Any) -> None:
+        """Note the weight of the row stored last (as w z), and what came."""
+        i, now, m = self.end - 1, self.now, self.free.shape[1]
+        self.odd[now] = Row(now, now, self.plan.model.H, np.array(R).reshape(m, m), np.array(z).reshape(m))
         self.weights[i], self.irregular = weight, now
 
     def unstore(self) -> None:
@@ -238,6 +236,15 @@ class Slots:
             gone = self.arrivals[window] <= self.now - self.limits.horizon
             self.weights[window][gone] = 0.0
             self.free[window][gone] = 0.0
+
+    def _expire_one(self) -> None:
+        """The same after one step more: only rows that arrived exactly a horizon ago go."""
+        last, bound = self.end - self.limits.horizon, self.now - self.limits.horizon
+        first = last - self.spread - 1
+        for i, arrival in enumerate(self.arrivals[first:last].tolist(), first):
+            if arrival == bound:
+                self.weights[i] = 0.0
+                self.free[i] = 0.0
 
     def _copy_into(self, fork: Any) -> None:
         copied = {k: v.copy() if hasattr(v, "copy") and k != "plan" else v for k, v in self.__dict__.items()}

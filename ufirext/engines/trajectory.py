@@ -25,10 +25,11 @@ class Trajectory:
         """One transition, to the step of `slot`."""
         total = known
         if self.after is not None:
-            moved = F @ self.after  # x_u holds the edit already: only the record of the step needs it
+            moved = F.dot(self.after)  # x_u holds the edit already: only the record of the step needs it
             total = moved if known is None else known + moved
             self.after = None
-        self.now = F @ self.now if known is None else F @ self.now + known
+        ahead = F.dot(self.now)
+        self.now = ahead if known is None else ahead + known
         self.known[slot] = 0.0 if total is None else total
         self.path[slot] = self.now
 
@@ -51,7 +52,7 @@ class Trajectory:
         start = self.path[low].copy()
         for slot in range(low, end):
             self.path[slot] -= start
-            start = F @ start
+            start = F.dot(start)
         self.now = self.path[end - 1].copy()
 
     def copy(self) -> Trajectory:

@@ -211,6 +211,10 @@ class FMSState(FilterState):
             if self.reading != self.form:
                 (self.read, self.read_lagged), self.reading = ring.readers(self.form == 2), self.form
 
+    def coast(self) -> bool:
+        """A step without an update always goes the slow path."""
+        return False
+
     def take_weighted(self, z: Any, R: Any) -> bool:
         """update(z, R) always goes the slow path."""
         return False

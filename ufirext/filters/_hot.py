@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from numpy.typing import ArrayLike
 
 from .._arrays import Array
+from ._live import Live
 from ._state import POSTED, PREDICTED
 from ._surface import FilterSurface
 
@@ -19,6 +20,7 @@ class HotState(Protocol):
     """
 
     mode: int
+    H: Live
     put: Callable[[Any], bool] | None
     read: Callable[[], Array] | None
     _x_handed: Array | None
@@ -26,6 +28,9 @@ class HotState(Protocol):
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
+
+    def coast(self) -> bool:
+        """predict() after a predict(): False, with nothing done, where the slow path is needed."""
 
     def take(self, z: Any) -> bool:
         """update(z) where x cannot wait: False, with nothing done, where the slow path is needed."""
@@ -82,9 +87,9 @@ class HotFilter(FilterSurface):
             At the first verb, for a horizon that can never determine the state while a longer one could.
         """
         state: HotState = self._state  # type: ignore[assignment]
-        if state.mode == POSTED and u is None and F is None and Q is None:
+        if state.mode and u is None and F is None and Q is None:
             x = state._x_handed
-            if x is None or x.tobytes() == state._x_raw:
+            if (x is None or x.tobytes() == state._x_raw) and (state.mode == POSTED or state.coast()):
                 state._x_handed = None
                 state.mode = PREDICTED
                 return
@@ -110,14 +115,16 @@ class HotFilter(FilterSurface):
             For wrong shapes, infinite values, an R that is no covariance, a delay that is no count.
         """
         state: HotState = self._state  # type: ignore[assignment]
-        if state.mode == PREDICTED and H is None and delay == 0:
+        if state.mode == PREDICTED and delay == 0:
             x = state._x_handed
-            if x is None and R is None and state.read is not None and state.put(z):  # type: ignore[misc]
+            own = H is None
+            if own and x is None and R is None and state.read is not None and state.put(z):  # type: ignore[misc]
                 state.mode = POSTED
                 return
             untouched = x is None or x.tobytes() == state._x_raw
-            if untouched and (state.take(z) if R is None else state.take_weighted(z, R)):
-                state._x_handed = None
-                state.mode = POSTED
-                return
+            if untouched and (own or state.H.known(H) is not None):
+                if state.take(z) if R is None else state.take_weighted(z, R):
+                    state._x_handed = None
+                    state.mode = POSTED
+                    return
         super().update(z, R, H, delay=delay)

@@ -160,10 +160,9 @@ class FilterState:
         self.watching = watching
 
     def _move(self, x: Array) -> None:
-        delta = x - self.x
-        self.x = x
-        if delta.any():
-            self._moved(delta)
+        before, self.x = self.x, x
+        if x.tobytes() != before.tobytes():
+            self._moved(x - before)
 
     def _publish(self, x: Array, P: Covariance) -> None:
         self.x, self.P = x, P

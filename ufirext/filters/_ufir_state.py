@@ -35,7 +35,8 @@ class UFIRState(WindowState):
         self.read: Callable[[], Array] | None = None  # x of a full plain window, which can wait until read
         self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
         self.hot_x: Array | None = None  # x after the last hot update, where there is no `read`
-        self.missed = 0  # hot updates without a measurement, in a row
+        self.missed = 0  # hot steps without a measurement, in a row
+        self.silent = 0  # of these, the last ones that had no update() either
         self.seen = 0  # step up to which the published fields are worked out
 
     def _ring(self, now: int) -> Ring:
@@ -66,7 +67,7 @@ class UFIRState(WindowState):
             and not (self.stale and self.policy == "auto")
             and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
         ):
-            self.mode, self.seen, self.ring, self.missed = POSTED, ring.now, ring, 0
+            self.mode, self.seen, self.ring, self.missed, self.silent = POSTED, ring.now, ring, 0, 0
             if self.put is None:
                 self.put = intake(ring)
             self.read = self._reader(ring)
@@ -92,35 +93,41 @@ class UFIRState(WindowState):
         if ring is None or put is None:
             raise RuntimeError("the hot path runs on a ring only")
         if z is None:
-            if self.missed >= ring.limits.horizon:
-                return False
-            self.missed += 1
-            x = self.F.value.dot(self.posted_x())
-            ring.hole()
-            self.hot_x, self.read = x, None
-            return True
+            missed = self._miss(ring)
+            self.silent = 0 if missed else self.silent
+            return missed
         if not put(z):
             return False
-        if self.read is not None:
-            return True
-        if ring.plain:
-            if ring.length == ring.limits.horizon:
-                self.read = self._reader(ring)
-                if self.read is not None:
-                    return True
-            if ring.length <= GROWING_GAINS:
-                return self._posted(ring, ring.grown_estimate())
-        return self._posted(ring, ring.hot_estimate())
+        if self.read is None and ring.settled:
+            self.read = self._reader(ring)
+            self.silent = self.missed = 0
+        return self.read is not None or self._posted(ring, ring.estimate())
+
+    def coast(self) -> bool:
+        """The hot path's predict() after a predict()."""
+        if not self._miss(self._hot_ring()):
+            return False
+        self.silent += 1
+        return True
+
+    def _miss(self, ring: Ring) -> bool:
+        if self.missed >= ring.limits.horizon:
+            return False
+        self.missed += 1
+        x = self.F.value.dot(self.posted_x())
+        ring.hole()
+        self.hot_x, self.read = x, None
+        return True
 
     def take_weighted(self, z: Any, R: Any) -> bool:
         """The hot path's update() with an R that is a multiple of the model's."""
-        ring = self._hot_ring()
+        ring, put = self._hot_ring(), self.put
         weight = ring.quick_weight(R)
-        if weight is None or z is None or self.put is None or not self.put(z):
+        if weight is None or put is None or not isinstance(z, float | np.ndarray) or not put(weight * z):
             return False
         irregular = ring.irregular
-        ring.weigh(weight, np.asarray(R, dtype=float))
-        if self._posted(ring, ring.hot_estimate()):
+        ring.weigh(weight, R, z)
+        if self._posted(ring, ring.estimate()):
             self.read = None
             return True
         ring.irregular = irregular
@@ -131,7 +138,7 @@ class UFIRState(WindowState):
             ring.unstore()
             return False
         self.hot_x = flat.reshape(-1, 1) if self.form == 2 else flat
-        self.missed = 0
+        self.missed = self.silent = 0
         return True
 
     def posted_x(self) -> Array:
@@ -155,24 +162,26 @@ class UFIRState(WindowState):
         if not self.mode:
             return self
         ring = self._hot_ring()
-        F, Q, now = self.F.value, self.Q.value, ring.now
+        F, Q = self.F.value, self.Q.value
+        now = ring.now - self.silent  # the step of the last update()
         if now != self.seen:
             before, P_before = self._stood(now - 1)
             x, P = self._stood(now)
-            came = bool(ring.arrivals[ring.end - 1] == now)
+            slot = now - ring.base
+            came = bool(ring.arrivals[slot] == now)
             self.prior = F @ before, P_before.predicted(F, Q, self.fading)
             self.post = (x, P) if came else self.prior
             mask = np.full(self.dim_z, came)
             none = Covariance.of(np.zeros((self.dim_x, 0)))
             gain = self.solution.newest_gain if came and self.solution is not None else none
             row = ring.odd.get(now)
-            z = (ring.free[ring.end - 1].copy() if row is None else row.z) if came else None
+            z = (ring.free[slot].copy() if row is None else row.z) if came else None
             R = self.R.value if row is None else row.R
             self._last = (z, self.H.value, R, mask, *self.prior, gain, None)
             self.now = self.seen = now
             self.updated = True
         self.x, self.P = self.post
-        if self.mode == PREDICTED:
+        for _ in range(self.silent + (self.mode == PREDICTED)):
             self.x, self.P = self.prior = F @ self.x, self.P.predicted(F, Q, self.fading)
         if self._x_handed is not None:
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
@@ -198,8 +207,8 @@ class UFIRState(WindowState):
             self.look()
             if self.mode == PREDICTED:
                 self._hot_ring().advance(None)
-                self.now += 1
-                self.updated = False
+                self.now += 1 + self.silent
+                self.updated, self.silent = False, 0
             self.mode, self.ring, self.read = SLOW, None, None
 
     def _detach(self) -> None:
