@@ -121,10 +121,9 @@ class HotFilter(FilterSurface):
             if own and x is None and R is None and state.read is not None and state.put(z):  # type: ignore[misc]
                 state.mode = POSTED
                 return
-            untouched = x is None or x.tobytes() == state._x_raw
-            if untouched and (own or state.H.known(H) is not None):
-                if state.take(z) if R is None else state.take_weighted(z, R):
-                    state._x_handed = None
-                    state.mode = POSTED
-                    return
+            regular = (x is None or x.tobytes() == state._x_raw) and (own or state.H.known(H) is not None)
+            if regular and (state.take(z) if R is None else state.take_weighted(z, R)):
+                state._x_handed = None
+                state.mode = POSTED
+                return
         super().update(z, R, H, delay=delay)

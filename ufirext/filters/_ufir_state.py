@@ -16,7 +16,7 @@ import numpy as np
 from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.lean import intake, reading
-from ..engines.ring import GROWING_GAINS, Ring
+from ..engines.ring import Ring
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
 from ._window_state import MISSING, WINDOWS, WindowState, checked_horizon
