@@ -11,6 +11,7 @@ FIRST = (
     "which_filter",
     "worst_disturbance",
     "certificate",
+    "fleet_of_tracks",
 )
 
 
