@@ -63,10 +63,8 @@ error = np.linalg.norm(estimates - truth, axis=2)
 print(f"memory of the fleet: {fleet.nbytes / 1e6:.1f} MB")
 print(f"a report is off by {np.sqrt(2) * SIGMA:.0f} m (RMS)")
 print(f"an estimate by     {np.sqrt(np.nanmean(error[10:25] ** 2)):.0f} m in straight flight")
-print(
 bends = np.nanmean(error[30:45, rate[30] != 0] ** 2)
 print(f"                   {np.sqrt(bends):.0f} m in a bend")
-)
 
 # %%
 # The same as one filter each
