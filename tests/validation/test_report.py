@@ -80,7 +80,7 @@ def test_the_page_needs_nothing_beside_it_and_its_links_arrive(tmp_path: Path) -
     assert not outline.loaded
     assert "@import" not in page
     assert {link.removeprefix("#") for link in outline.links} <= set(outline.ids)
-    assert {"s3-try", "s3-good", "s3-bad", "scoreboard", "drift"} <= set(outline.ids)
+    assert {"s3-try", "s3-good", "s3-bad", "failed", "scoreboard", "reasons", "drift"} <= set(outline.ids)
 
 
 def test_the_page_takes_the_readers_colours(tmp_path: Path) -> None:
