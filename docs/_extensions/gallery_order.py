@@ -11,6 +11,7 @@ FIRST = (
     "which_filter",
     "worst_disturbance",
     "certificate",
+    "control_dead_time",
     "fleet_of_tracks",
 )
 
