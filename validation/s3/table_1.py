@@ -51,10 +51,10 @@ def run(study: Study) -> Outcome:
             Table(f"Time of a step, the best of {ROUNDS} rounds", ("", "µs"), seconds),
         ],
         notes=[
-            "A window costs n M products for each estimate; the Kalman filter costs 3 n³ + 3 n² + 4 n, whatever "
-            "its memory. Both FMS estimates together cost less than a Kalman filter up to M = 20 here, less than "
-            "what is printed for its smoother up to M = 33. In Python the products are not what takes the time: "
-            "the times are for orientation, the benchmarks measure them properly."
+            "A window costs n M products for each estimate; the Kalman filter costs 3 n³ + 3 n² + 4 n, "
+            "whatever its memory. Both FMS estimates together cost less than a Kalman filter up to M = 20 "
+            "here, less than what is printed for its smoother up to M = 33. In Python the products are not "
+            "what takes the time: the times are for orientation, the benchmarks measure them properly."
         ],
     )
 
