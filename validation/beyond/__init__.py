@@ -1,9 +1,10 @@
-"""Items, one module each."""
+"""Beyond the papers: robustness, real tracks, certificates, peers."""
 
 from __future__ import annotations
 
+from validation.beyond import hinfinity_gap, late_kalman, wrong_noise
 from validation.item import Item
 
 __all__ = ["ITEMS"]
 
-ITEMS: tuple[Item, ...] = ()
+ITEMS: tuple[Item, ...] = (wrong_noise.ITEM, late_kalman.ITEM, hinfinity_gap.ITEM)
