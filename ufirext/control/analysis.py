@@ -8,13 +8,14 @@ from typing import Any
 import control as ct
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
 
 from .._arrays import Array
 from .plant import linear_system
 
 __all__ = ["norm"]
 
-# Frequencies looked at, for each state and at least, before the highest peaks are refined.
+# Frequencies looked at, for each state (instant, of an FIR system) and at least, before peaks are refined.
 POINTS_A_STATE = 16
 FEWEST_POINTS = 1024
 # Grid points within this fraction of the highest one may hide the highest peak.
@@ -70,11 +71,23 @@ def norm(sys: ct.StateSpace, p: int | str = 2, tol: float = 1e-8) -> float:
     if not register and (np.abs(sys.poles()) >= 1.0 - UNSTABLE).any():
         return float("inf")
     if p == 2:
-        return _h2(sys)
+        return float(np.linalg.norm(_taps(sys))) if register else _h2(sys)
     if ct.exception.slycot_check():
         return float(ct.norm(sys, "inf", tol=tol))
-    response = _fir_response(sys) if register else _response(sys)
-    return _peak(response, max(FEWEST_POINTS, POINTS_A_STATE * sys.nstates), tol)
+    if register:
+        taps = _taps(sys)
+        return _peak(_fir_response(taps), max(FEWEST_POINTS, POINTS_A_STATE * len(taps)), tol)
+    return _peak(_response(sys), max(FEWEST_POINTS, POINTS_A_STATE * sys.nstates), tol)
+
+
+def _taps(sys: ct.StateSpace) -> Array:
+    """Impulse response (instants, outputs, inputs) of a system whose strictly triangular A makes it end."""
+    A = csr_array(sys.A)
+    taps, state = [np.array(sys.D)], np.array(sys.B)
+    while state.any():
+        taps.append(sys.C @ state)
+        state = A @ state
+    return np.array(taps)
 
 
 def _h2(sys: ct.StateSpace) -> float:
@@ -101,16 +114,11 @@ def _response(sys: ct.StateSpace) -> Response:
     return at
 
 
-def _fir_response(sys: ct.StateSpace) -> Response:
-    """The same for a strictly triangular A, whose impulse response ends."""
-    taps, state = [np.array(sys.D)], np.array(sys.B)
-    while state.any():
-        taps.append(sys.C @ state)
-        state = sys.A @ state
-    impulse = np.array(taps)
+def _fir_response(taps: Array) -> Response:
+    """The same from an impulse response that ends."""
 
     def at(omega: Array) -> Any:
-        return np.tensordot(np.exp(-1j * np.outer(omega, np.arange(len(impulse)))), impulse, axes=1)
+        return np.tensordot(np.exp(-1j * np.outer(omega, np.arange(len(taps)))), taps, axes=1)
 
     return at
 
