@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from validation.beyond import hinfinity_gap, late_kalman, wrong_noise
+from validation.beyond import hinfinity_gap, late_kalman, outliers, wrong_noise
 from validation.item import Item
 
 __all__ = ["ITEMS"]
 
-ITEMS: tuple[Item, ...] = (wrong_noise.ITEM, late_kalman.ITEM, hinfinity_gap.ITEM)
+ITEMS: tuple[Item, ...] = (wrong_noise.ITEM, outliers.ITEM, late_kalman.ITEM, hinfinity_gap.ITEM)

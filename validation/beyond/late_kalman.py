@@ -122,7 +122,7 @@ def run(study: Study) -> Outcome:
         name = f"drawn to theory, {method}, k = {k}"
         claims.append(Claim("beyond", ITEM.id, name, 1.0, value, sampling(3), error))
     claims += _about_beliefs(found, believed, theory, optimum)
-    rows = [
+    rows: list[list[str | float]] = [
         [f"{method}, k = {k}", str(rmse(found[method, k])), theory[method, k], believed[method, k]]
         for method in METHODS
         for k in DELAYS
