@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import ufirext
-from validation.claims import Claim, Interval, Reported, Tolerance
+from validation.claims import Claim, Interval, Reported, Tolerance, Verdict
 from validation.runner import Result
 from validation.study import SEED, Mode
 
@@ -119,10 +119,12 @@ def drift(before: Summary, after: Summary, items: Sequence[str]) -> list[Drift]:
 
 
 def _same(before: Claim | None, after: Claim | None) -> bool:
-    if before is None or after is None or before.verdict is not after.verdict:
+    if before is None or after is None:
         return False
-    if before.ours is None or after.ours is None:
-        return before.ours is after.ours
+    if Verdict.CANNOT_RUN in (before.verdict, after.verdict):
+        return True  # the report says so elsewhere
+    if before.verdict is not after.verdict or before.ours is None or after.ours is None:
+        return before.verdict is after.verdict
     width = ROUNDING * abs(before.ours) + DUST * before.scale
     return before.ours == after.ours or abs(before.ours - after.ours) <= width
 

@@ -57,6 +57,11 @@ def test_another_verdict_drifts_though_the_number_is_the_same() -> None:
     assert found.after.verdict is Verdict.DIFFERS
 
 
+def test_what_cannot_be_run_here_does_not_drift() -> None:
+    after = [replace(CLAIMS[0], ours=None, because="no tracks"), *CLAIMS[1:]]
+    assert drift(summary(CLAIMS), summary(after), ["s3-try"]) == []
+
+
 def test_items_that_did_not_run_do_not_drift() -> None:
     assert drift(summary(CLAIMS), summary([]), ["s3-other"]) == []
 

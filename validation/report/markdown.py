@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from validation.claims import Claim, Verdict
+from validation.claims import Claim
 from validation.item import Item, Table
 from validation.papers import GROUPS
 from validation.report.words import MEANING, allowed, counted, number, ours, reasons, reported, shift
@@ -76,7 +76,8 @@ def provenance(summary: Summary) -> str:
 
 
 def _scoreboard(items: Sequence[Item], summary: Summary, link: bool = False) -> list[str]:
-    verdicts = list(Verdict)
+    total = counted(summary.claims)
+    verdicts = list(total)
     parts = []
     for paper in GROUPS:
         rows = []
@@ -88,9 +89,8 @@ def _scoreboard(items: Sequence[Item], summary: Summary, link: bool = False) -> 
         if rows:
             columns = ("item", "", *(str(verdict) for verdict in verdicts), "seconds")
             parts += [f"**{paper.citation}**", _grid(columns, rows)]
-    total = counted(summary.claims)
     words = ", ".join(f"{count} {verdict}" for verdict, count in total.items())
-    legend = "; ".join(f"*{verdict}*: {meaning}" for verdict, meaning in MEANING.items())
+    legend = "; ".join(f"*{verdict}*: {MEANING[verdict]}" for verdict in verdicts)
     return [f"{len(summary.claims)} claims: {words}.", legend + ".", *parts]
 
 
