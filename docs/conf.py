@@ -28,10 +28,11 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
+    "local_links",
 ]
-exclude_patterns = ["_build", "_extensions", "inventories", "gallery/*.ipynb", "**/sg_execution_times.rst"]
+exclude_patterns = ["_build", "_extensions", "inventories", "gallery/*.ipynb", "sg_execution_times.rst"]
 templates_path = ["_templates"]
-nitpick_ignore_regex = [("py:class", r"optional|default .*")]
+
 
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -69,11 +70,12 @@ sphinx_gallery_conf = {
     "gallery_dirs": "gallery",
     "filename_pattern": r"\.py$",  # every one is executed
     "ignore_pattern": r"__init__|sort_boxes",  # what others import
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "gallery_order.Order",
     "download_all_examples": False,
     "show_signature": False,
     "show_memory": False,
-    "min_reported_time": 1e9,
+    "write_computation_times": False,
+    "notebook_extensions": set(),
     "remove_config_comments": True,
     "plot_gallery": True,
     "abort_on_example_error": False,  # all failures are told, and fail the build, at its end

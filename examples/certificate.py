@@ -49,9 +49,19 @@ for name, gain, criterion in (
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 age = np.arange(HORIZON)[::-1]
-axes.plot(age, best.K[0], "o-", markersize=4, label=f"minimum variance, error variance {best.P[0, 0]:.2f} m²")
 axes.plot(
-    age, unbiased.K[0], "s--", markersize=4, label=f"unbiased FIR, error variance {unbiased.P[0, 0]:.2f} m²"
+    age,
+    best.K[0],
+    "o-",
+    markersize=4,
+    label=f"minimum variance, error variance {best.P[0, 0]:.2f} m²",
+)
+axes.plot(
+    age,
+    unbiased.K[0],
+    "s--",
+    markersize=4,
+    label=f"unbiased FIR, error variance {unbiased.P[0, 0]:.2f} m²",
 )
 axes.axhline(0, color="black", linewidth=0.8)
 axes.set(
@@ -67,8 +77,8 @@ plt.show()
 # %%
 # A lower bound that needs no solver
 # ----------------------------------
-# ``dual`` is a number below which no unbiased gain can go, whatever it is; ``primal`` is what this
-# one attains.
+# ``dual`` is a number below which no unbiased gain can go, whatever it is; ``primal`` is what
+# this one attains.
 
 c = certify(best, model)
 print("error variances:", c.primal)

@@ -2,9 +2,9 @@
 Choosing the horizon
 ====================
 
-A short window averages little noise; a long one believes its model for longer than it is true. The
-best horizon is where the two meet. It can be had from a model that is trusted, or from recorded
-data, without Q and R.
+A short window averages little noise; a long one believes its model for longer than it is true.
+The best horizon is where the two meet. It can be had from a model that is trusted, or from
+recorded data, without Q and R.
 """
 
 import matplotlib.pyplot as plt
@@ -17,8 +17,8 @@ plt.style.use("seaborn-v0_8-colorblind")
 # %%
 # Where the error comes from
 # --------------------------
-# The gain does not depend on Q. Its error covariance does, and the two parts add up: what the noise
-# of the measurements contributes (Q = 0), and what the state does meanwhile.
+# The gain does not depend on Q. Its error covariance does, and the two parts add up: what the
+# noise of the measurements contributes (Q = 0), and what the state does meanwhile.
 
 model = kinematic(order=1, dim=1, dt=1.0, q=0.01, r=4.0)
 still = model.replace(Q=np.zeros((2, 2)))
@@ -32,8 +32,8 @@ print("closed form for constant velocity:", round(float(np.sqrt(12 * 2.0 / 0.1))
 # %%
 # From data
 # ---------
-# ``best_horizon(model, zs)`` scores every horizon by how well it predicts the next measurement. The
-# model given to it here has a Q that is wrong by a factor of a hundred; it is not used.
+# ``best_horizon(model, zs)`` scores every horizon by how well it predicts the next measurement.
+# The model given to it here has a Q that is wrong by a factor of a hundred; it is not used.
 
 rng = np.random.default_rng(3)
 steps = 20_000
@@ -65,7 +65,14 @@ figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
 axes.plot(horizons, np.sqrt(total), label="all of it")
 axes.plot(horizons, np.sqrt(noise), "--", label="from the measurements' noise")
 axes.plot(horizons, np.sqrt(total - noise), "-.", label="from what the state does meanwhile")
-axes.plot(horizons[::3], found, "o", color="black", markersize=4, label="on the simulated series")
+axes.plot(
+    horizons[::3],
+    found,
+    "o",
+    color="black",
+    markersize=4,
+    label="on the simulated series",
+)
 axes.axvline(N, color="grey", linewidth=0.8)
 axes.annotate(f"best_horizon: {N}", (N, 0.1), xytext=(6, 0), textcoords="offset points")
 axes.set(

@@ -2,10 +2,10 @@
 A filterpy script, one import changed
 =====================================
 
-A cart rolls along a rail at a constant speed and its position is measured every second. The script
-was written for ``filterpy.kalman.KalmanFilter``; the function below does not know which class it is
-given. At 100 s somebody pushes the cart: its speed changes at once, and nothing in the model says
-so.
+A cart rolls along a rail at a constant speed and its position is measured every second. The
+script was written for ``filterpy.kalman.KalmanFilter``; the function below does not know which
+class it is given. At 100 s somebody pushes the cart: its speed changes at once, and nothing in
+the model says so.
 """
 
 from functools import partial
@@ -64,7 +64,8 @@ print(f"{'':26}{'before':>8}{'100 s after':>13}{'later':>8}   RMSE of the positi
 for name, (xs, _) in runs.items():
     error = xs[:, 0] - truth
     parts = [
-        np.sqrt(np.mean(error[span] ** 2)) for span in (slice(50, 100), slice(100, 200), slice(200, 250))
+        np.sqrt(np.mean(error[span] ** 2))
+        for span in (slice(50, 100), slice(100, 200), slice(200, 250))
     ]
     print(f"{name:26}{parts[0]:8.2f}{parts[1]:13.2f}{parts[2]:8.2f}")
 print("horizon chosen from the model:", runs["UFIRFilter, auto"][1].horizon)

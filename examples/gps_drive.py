@@ -19,8 +19,8 @@ plt.style.use("seaborn-v0_8-colorblind")
 # The drive and the network
 # -------------------------
 # One fix a second with a standard deviation of 3 m in each direction. ``TimeStamped`` is a value
-# that describes the network; ``sample`` sends a series through it and returns what arrives at each
-# step.
+# that describes the network; ``sample`` sends a series through it and returns what arrives at
+# each step.
 
 rng = np.random.default_rng(11)
 steps = 240
@@ -85,10 +85,16 @@ for name, track in tracks.items():
 # The first bend
 # --------------
 
-figure, (chart, errors) = plt.subplots(2, 1, figsize=(7, 7.5), layout="constrained", height_ratios=(3, 2))
+figure, (chart, errors) = plt.subplots(
+    2, 1, figsize=(7, 7.5), layout="constrained", height_ratios=(3, 2)
+)
 bend = slice(62, 88)
 chart.plot(*truth[bend].T, color="black", linewidth=0.8, label="truth")
-for name in ("KalmanFilter, late taken as new", "UFIRFilter, N = 8", "DelayKalmanFilter"):
+for name in (
+    "KalmanFilter, late taken as new",
+    "UFIRFilter, N = 8",
+    "DelayKalmanFilter",
+):
     chart.plot(*tracks[name][bend].T, "o-", markersize=3, linewidth=0.8, label=name)
     errors.plot(np.hypot(*(tracks[name] - truth).T), linewidth=1.2, label=name)
 chart.set(
@@ -97,7 +103,12 @@ chart.set(
     aspect="equal",
     title="A filter that takes late fixes as new is pulled back",
 )
-errors.set(xlabel="time, s", ylabel="distance from the truth, m", xlim=(20, steps), ylim=(0, 60))
+errors.set(
+    xlabel="time, s",
+    ylabel="distance from the truth, m",
+    xlim=(20, steps),
+    ylim=(0, 60),
+)
 chart.legend(loc="upper left")
 errors.legend(loc="upper left")
 plt.show()

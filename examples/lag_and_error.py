@@ -2,15 +2,21 @@
 Lag against error
 =================
 
-An estimate of the present has only the past to go by. The state of a few steps ago has measurements
-on both sides, and is known better. How much better, and from which lag on waiting does not pay,
-follows from the model alone.
+An estimate of the present has only the past to go by. The state of a few steps ago has
+measurements on both sides, and is known better. How much better, and from which lag on waiting
+does not pay, follows from the model alone.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from ufirext import UFIRFilter, best_horizon, kinematic, minimum_variance_gain, ufir_gain
+from ufirext import (
+    UFIRFilter,
+    best_horizon,
+    kinematic,
+    minimum_variance_gain,
+    ufir_gain,
+)
 
 plt.style.use("seaborn-v0_8-colorblind")
 
@@ -62,14 +68,22 @@ for n, z in enumerate(zs):
 found = np.array([np.sqrt(np.mean(np.square(list_), axis=0)) for list_ in errors.values()])
 
 # %%
-# The state in the middle of the window is known best, and a few steps of waiting already bring most
-# of that. Further back it gets worse again: an older state sees fewer measurements before it.
+# The state in the middle of the window is known best, and a few steps of waiting already bring
+# most of that. Further back it gets worse again: an older state sees fewer measurements before
+# it.
 
 figure, panels = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 for component, (axes, what) in enumerate(zip(panels, ("position, m", "speed, m/s"), strict=True)):
     for (name, curve), line in zip(curves.items(), ("-", "--"), strict=True):
         axes.plot(lags, curve[:, component], line, label=name)
-    axes.plot(asked, found[:, component], "o", color="black", markersize=4, label="unbiased FIR, simulated")
+    axes.plot(
+        asked,
+        found[:, component],
+        "o",
+        color="black",
+        markersize=4,
+        label="unbiased FIR, simulated",
+    )
     axes.set(xlabel="lag, steps", ylabel=f"RMSE of the {what}", ylim=(0, None))
 panels[0].legend(loc="lower right")
 figure.suptitle(f"Waiting pays: constant velocity, N = {N}")

@@ -1,13 +1,14 @@
 """SORT on synthetic boxes, with filterpy's KalmanFilter and with UFIRFilter: one argument changes.
 
-SORT (Bewley, Ge, Ott, Ramos and Upcroft, "Simple online and realtime tracking", ICIP 2016) follows boxes
-through a video: every track carries a filter of constant velocity, and in every frame the predicted boxes are
-matched with the detected ones by their overlap. Written after the paper's description. The state is
+SORT (Bewley, Ge, Ott, Ramos and Upcroft, "Simple online and realtime tracking", ICIP 2016) follows
+boxes through a video: every track carries a filter of constant velocity, and in every frame the
+predicted boxes are matched with the detected ones by their overlap. Written after the paper's
+description. The state is
 
-    [u, v, s, r, u', v', s'],   centre (pixels), area, aspect ratio, and the rates of the first three
+    [u, v, s, r, u', v', s'],  centre (pixels), area, aspect ratio, and rates of the first three
 
-of which the first four are measured. Nothing below knows which filter it runs: the class handed to `track` is
-all that differs. Run it with `python examples/sort_boxes.py`.
+of which the first four are measured. Nothing below knows which filter it runs: the class handed to
+`track` is all that differs. Run it with `python examples/sort_boxes.py`.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def matches(overlap: Boxes) -> list[tuple[int, int]]:
 
 
 class BoxTrack:
-    """One object: a filter over [u, v, s, r, u', v', s'], and how often and how lately it was seen."""
+    """One object: a filter over [u, v, s, r, u', v', s'], how often and how lately it was seen."""
 
     def __init__(self, number: int, box: Boxes, make_filter: MakeFilter) -> None:
         self.number, self.hits, self.unseen = number, 1, 0
@@ -125,7 +126,7 @@ class Sort:
 
 @dataclass(frozen=True)
 class Scene:
-    """Pedestrians who walk at constant velocity, stop dead and turn back, seen by a detector with misses."""
+    """Pedestrians of constant velocity who stop dead and turn back, and a detector with misses."""
 
     objects: int = 6
     frames: int = 200
@@ -133,12 +134,16 @@ class Scene:
     missed: float = 0.1  # share of detections that fail
 
     def truth(self, rng: np.random.Generator) -> Boxes:
-        """True boxes, (frames, objects, 4). Lanes apart, so that it is the filter that is tested."""
+        """True boxes, (frames, objects, 4), in lanes apart: it is the filter that is tested."""
         centre = np.stack(
             [rng.uniform(200, 1000, self.objects), 150.0 * np.arange(1, self.objects + 1)], axis=1
         )
-        speed = np.stack([rng.uniform(2, 6, self.objects), rng.uniform(-0.3, 0.3, self.objects)], axis=1)
-        size = np.stack([rng.uniform(40, 60, self.objects), rng.uniform(90, 120, self.objects)], axis=1)
+        speed = np.stack(
+            [rng.uniform(2, 6, self.objects), rng.uniform(-0.3, 0.3, self.objects)], axis=1
+        )
+        size = np.stack(
+            [rng.uniform(40, 60, self.objects), rng.uniform(90, 120, self.objects)], axis=1
+        )
         turn = rng.integers(60, 140, self.objects)
         frames = []
         for frame in range(self.frames):
@@ -207,8 +212,8 @@ def compare(scene: Scene, seeds: Iterable[int]) -> dict[str, list[Score]]:
 def main(scene: Scene = Scene(), seeds: Sequence[int] = range(5)) -> None:
     """Print the comparison."""
     print(
-        f"SORT, {scene.objects} objects x {scene.frames} frames x {len(seeds)} scenes; detections with "
-        f"sigma = {scene.sigma:g} px, {100 * scene.missed:.0f} % missed"
+        f"SORT, {scene.objects} objects x {scene.frames} frames x {len(seeds)} scenes; "
+        f"detections with sigma = {scene.sigma:g} px, {100 * scene.missed:.0f} % missed"
     )
     print(f"{'filter':26}{'identity switches':>18}{'covered':>10}{'centre RMSE, px':>18}")
     for name, scores in compare(scene, seeds).items():

@@ -2,17 +2,18 @@
 Boxes through a video: SORT
 ===========================
 
-`SORT <https://arxiv.org/abs/1602.00763>`_ follows boxes through a video with a Kalman filter for
-each. The implementation in ``sort_boxes.py``, beside this script in the repository, takes the class
-of the filter as an argument and does not know which one it runs. The state is centre, area, aspect
-ratio and the rates of the first three.
+SORT (:cite:t:`bewley2016`) follows boxes through a video with a Kalman filter for each. The
+implementation in ``sort_boxes.py``, beside this script in the repository, takes the class of the
+filter as an argument and does not know which one it runs. The state is centre, area, aspect ratio
+and the rates of the first three.
 
-The scene is made to be awkward: pedestrians walk at constant velocity, then turn back at once, and
-one detection in ten is missing. Pixels throughout.
+The scene is made to be awkward: pedestrians walk at constant velocity, then turn back at once,
+and one detection in ten is missing. Pixels throughout.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
+
 from sort_boxes import FILTERS, Scene, main, track
 
 plt.style.use("seaborn-v0_8-colorblind")

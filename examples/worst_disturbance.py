@@ -3,8 +3,8 @@ The H-infinity guarantee and its worst disturbance
 ==================================================
 
 A Kalman filter is the best on average over random disturbances. Nature need not be random: an
-H-infinity filter bounds the energy of its errors by the energy of the disturbances, whatever these
-are. Both statements can be checked without any theory, because the largest ratio of the two
+H-infinity filter bounds the energy of its errors by the energy of the disturbances, whatever
+these are. Both statements can be checked without any theory, because the largest ratio of the two
 energies is a singular value.
 """
 
@@ -20,7 +20,7 @@ STEPS = 40
 
 
 def robust(theta):
-    """A filter that keeps: sum theta |error|^2 <= energy of the disturbances; theta = 0 is Kalman's."""
+    """A filter that keeps sum theta |error|^2 <= energy of disturbances; Kalman's for theta = 0."""
     f = DelayHInfinityFilter(dim_x=2, dim_z=1, theta=theta)
     f.F, f.H, f.Q, f.R = model.F, model.H, model.Q, model.R
     f.weight = np.diag([1.0, 0.0])  # errors of the position count
@@ -69,7 +69,14 @@ for _ in range(STEPS):
     gains.append(kalman.K)
 start = robust(0.0)
 worst["Kalman"] = worst_case_gain(
-    K=gains, F=model.F, H=model.H, Q=model.Q, R=model.R, P0=start.P, S=start.weight, theta=theta
+    K=gains,
+    F=model.F,
+    H=model.H,
+    Q=model.Q,
+    R=model.R,
+    P0=start.P,
+    S=start.weight,
+    theta=theta,
 )
 for name, case in worst.items():
     print(f"{name:12} largest error energy: {case.gain:.3f} of the bound")

@@ -20,6 +20,8 @@ __all__ = ["Gain", "exact_covariance", "least_squares", "observability_index", "
 
 # Above this condition of the scaled rows the start-referenced solution loses digits: recursion takes over.
 DIRECT_LIMIT = 1e4
+# As PATH_ROUNDING, where there is no second way.
+COARSE_ROUNDING = 1e-6
 # Longest window that is searched for observability.
 SEARCH_LIMIT = 200
 
@@ -212,7 +214,8 @@ def exact_covariance(window: Window, K: Array) -> Array:
         D, Q = np.array(paths), np.array(window.Q[: len(paths)])
         noise += (D @ Q @ D.transpose(0, 2, 1)).sum(axis=0)
         rounding = rounding @ Q.sum(axis=0) @ rounding.T
-    if not (np.diag(rounding) <= PATH_ROUNDING**2 * np.diag(noise)).all():
+    allowed = COARSE_ROUNDING if window.correlations else PATH_ROUNDING
+    if not (np.diag(rounding) <= allowed**2 * np.diag(noise)).all():
         if window.correlations:
             raise UfirextError(
                 f"P of {len(window.H)} rows whose noise is correlated with the process noise has lost its "

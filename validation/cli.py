@@ -69,7 +69,7 @@ def validate(
     console.print(scoreboard(results, moved, since=before.date if before else ""))
     for page in pages:
         console.print(f"Report: {page}", soft_wrap=True, highlight=False)
-    raise typer.Exit(any(result.fails for result in results))
+    raise typer.Exit(int(any(result.fails for result in results)))
 
 
 @app.command()

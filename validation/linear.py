@@ -43,7 +43,7 @@ class Recursion:
     Attributes
     ----------
     F : ndarray, (dim_x, dim_x)
-    H : ndarray, (dim_z, dim_x)
+    H : ndarray, (dim_z, dim_x) or (steps, dim_z, dim_x)
         Of the measurement that arrives, as one of the present state.
     K : ndarray, (steps, dim_x, dim_z)
         0 where nothing arrives.
@@ -56,11 +56,12 @@ class Recursion:
     @property
     def radius(self) -> float:
         """Spectral radius of (I - K H) F at the last step: above 1 the errors grow without end."""
-        A = self._closed(self.K[-1])
-        return float(np.abs(np.linalg.eigvals(A)).max())
+        return float(np.abs(np.linalg.eigvals(self.closed[-1])).max())
 
-    def _closed(self, K: Array) -> Array:
-        return np.asarray(self.F - K @ self.H @ self.F)
+    @property
+    def closed(self) -> Array:
+        """(I - K H) F, (steps, dim_x, dim_x)."""
+        return np.asarray(self.F - self.K @ self.H @ self.F)
 
     def track(self, zs: Array) -> Array:
         """Estimates from the first measurement on, at rest there."""
@@ -70,7 +71,7 @@ class Recursion:
         arrived = zs.copy()
         arrived[:, nothing] = 0.0
         driven = np.einsum("rsz,sxz->rsx", arrived, self.K)
-        moved = (self.F - self.K @ self.H @ self.F).swapaxes(1, 2)
+        moved = self.closed.swapaxes(1, 2)
         with np.errstate(over="ignore", invalid="ignore"):
             for step, A in enumerate(moved):
                 x = x @ A + driven[:, step]
@@ -83,8 +84,7 @@ class Recursion:
         C = np.zeros((runs, len(self.F), len(self.F)))
         result = np.empty((runs, steps, *C.shape[1:]))
         with np.errstate(over="ignore", invalid="ignore"):
-            for step, K in enumerate(self.K):
-                A = self._closed(K)
+            for step, (A, K) in enumerate(zip(self.closed, self.K, strict=True)):
                 C = A @ C @ A.T + K @ V[:, step] @ K.T
                 result[:, step] = C
         return result
@@ -162,7 +162,10 @@ def recursion(f: Any, model: Model, delays: Sequence[int | None], H: Array | Non
             if delay is None:
                 f.update(None)
                 continue
+            known = f.dropped
             f.update(z, delay=delay)
+            if f.dropped > known:
+                continue  # a duplicate
             K[step] = f.K
             if step > start and np.abs(K[step] - K[step - 1]).max() <= REPEATS * np.abs(K[step]).max():
                 K[step:stop] = K[step]

@@ -44,7 +44,9 @@ S3 = Paper(
     "Kim (2019), A unified finite memory structure filter and smoother "
     "and its application to target tracking in wireless network environments",
 )
-ERRATA = Paper("errata", "Printed equations of the four papers that are wrong, and the number that shows it")
+ERRATA = Paper(
+    "errata", "Printed equations of the four papers that are wrong: to differ, explained, is what is claimed"
+)
 BEYOND = Paper("beyond", "Beyond the papers: robustness, real tracks, certificates, peers")
 
 GROUPS = (S0, S1, S2, S3, ERRATA, BEYOND)

@@ -47,6 +47,7 @@ OTHERS = (
     Face("fms", partial(FMSFilterSmoother, horizon=9, lag=2), 9),
     Face("delay-kalman", partial(DelayKalmanFilter, max_delay=3)),
     Face("delay-hinfinity", DelayHInfinityFilter, kalman=False),
+    Face("delay-hinfinity-late", partial(DelayHInfinityFilter, max_delay=2), kalman=False),
 )
 FACES = (FILTERPY, *UFIR, *OTHERS)
 

@@ -14,7 +14,7 @@ from ufirext.control import (
     create_hinfinity_iosystem,
     create_ufir_iosystem,
     fms,
-    hinfinity_norm,
+    norm,
     ufir,
     with_dead_time,
 )
@@ -171,4 +171,4 @@ def test_dead_time_is_a_count_of_steps():
     with pytest.raises(ct.ControlArgument, match="continuous-time"):
         with_dead_time(CONTINUOUS, 1)
     with pytest.raises(ct.ControlArgument, match="linear I/O system"):
-        hinfinity_norm("cart")
+        norm("cart")

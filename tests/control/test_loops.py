@@ -161,3 +161,36 @@ def test_the_systems_copy_rename_and_pickle():
     assert est.name == "est"
     with pytest.raises((AttributeError, pickle.PicklingError)):  # no StateSpace of python-control does
         pickle.dumps(est)
+
+
+def test_the_disturbances_stay_inputs_of_the_closed_loop():
+    blown = ct.ss(CART.A, np.hstack([CART.B, CART.B]), CART.C, 0, dt=0.1, inputs=["force", "gust"])
+    est = create_ufir_iosystem(blown, 8, disturbance_indices=["gust"])
+    _, loop = ct.create_statefbk_iosystem(blown, FEEDBACK, estimator=est, control_indices=["force"])
+    assert loop.input_labels == ["xd[0]", "xd[1]", "ud[0]", "gust"]
+    np.testing.assert_allclose(
+        ct.dcgain(loop["y[0]", "gust"]),
+        # In the end force = -K xhat, and xhat is off by what a constant gust makes of it.
+        static_gain(est),
+        rtol=1e-8,
+    )
+
+
+def static_gain(est):
+    """Position per constant gust: x = A x + B (w - K (x - e)),  e = error for that gust."""
+    e = ct.dcgain(est.error_system()[:, "w[0]"]).reshape(2, 1)
+    x = np.linalg.solve(np.eye(2) - CART.A + CART.B @ FEEDBACK, CART.B + CART.B @ FEEDBACK @ e)
+    return x[0, 0]
+
+
+def test_the_frequency_response_of_minimum_variance_goes_to_that_of_kalman():
+    QN, RN, omega = [[0.4]], [[0.05]], np.geomspace(0.05, 31.0, 60)
+    L, *_ = ct.dlqe(CART, QN, RN)
+    kalman = ct.ss(CART.A - L @ CART.C, np.hstack([L, CART.B]), np.eye(2), 0, dt=0.1)
+    wanted = ct.frequency_response(kalman, omega).complex
+    gaps = []
+    for horizon in (10, 20, 40, 80, 160):
+        found = ct.frequency_response(create_fms_iosystem(CART, QN, RN, horizon), omega).complex
+        gaps.append(np.abs(found - wanted).max())
+    assert gaps == sorted(gaps, reverse=True)
+    assert gaps[-1] < 1e-7

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.control.plants import CART, estimates, plants
 from ufirext import Model, ufir_gain
-from ufirext.control import create_fms_iosystem, create_ufir_iosystem, fms, hinfinity_norm, ufir
+from ufirext.control import create_fms_iosystem, create_ufir_iosystem, fms, norm, ufir, with_dead_time
 
 FORMS = ("predictor", "filter")
 
@@ -109,18 +109,18 @@ def test_the_hinfinity_norm_of_the_error_is_the_highest_of_a_fine_grid(drawn, ex
         np.linalg.norm(error.C @ np.linalg.solve(p * np.eye(error.nstates) - error.A, error.B) + error.D, 2)
         for p in z
     )
-    found = hinfinity_norm(error)
+    found = norm(error, "inf")
     assert peak * (1 - 1e-12) <= found <= peak * (1 + 1e-3)
 
 
 def test_the_hinfinity_norm_bounds_the_error_of_every_disturbance():
     """Energy gain of 200 steps is below the norm, and close to it for a sinusoid at the peak."""
     error = create_ufir_iosystem(CART, 8).error_system()
-    norm, steps = hinfinity_norm(error), 400
+    gain, steps = norm(error, "inf"), 400
     rng = np.random.default_rng(7)
     for d in (rng.normal(size=(2, steps)), np.sin(np.outer([0.05, 0.31], np.arange(steps)))):
         e = ct.input_output_response(error, np.arange(steps) * 0.1, d).outputs
-        assert np.linalg.norm(e) <= norm * np.linalg.norm(d)
+        assert np.linalg.norm(e) <= gain * np.linalg.norm(d)
 
 
 def test_the_hinfinity_norm_of_a_closed_loop_and_of_an_unstable_system():
@@ -128,16 +128,38 @@ def test_the_hinfinity_norm_of_a_closed_loop_and_of_an_unstable_system():
     K = ct.dlqr(CART, np.eye(2), [[1.0]])[0]
     loop = ct.create_statefbk_iosystem(CART, K, estimator=est)[1]["y[0]", "ud[0]"]
     peak = np.abs(loop(np.exp(1j * np.linspace(0, np.pi, 20001)))).max()
-    assert hinfinity_norm(loop) == pytest.approx(peak, rel=1e-6)
-    assert hinfinity_norm(ct.ss(1.0, 1.0, 1.0, 0.0, dt=True)) == np.inf
-    assert hinfinity_norm(ct.ss(0.5, 1.0, 1.0, 0.0, dt=True)) == pytest.approx(2.0, rel=1e-12)
+    assert norm(loop, "inf") == pytest.approx(peak, rel=1e-6)
+    assert norm(ct.ss(1.0, 1.0, 1.0, 0.0, dt=True), "inf") == np.inf
+    assert norm(ct.ss(0.5, 1.0, 1.0, 0.0, dt=True), "inf") == pytest.approx(2.0, rel=1e-12)
     with pytest.raises(ct.ControlArgument, match="discrete-time"):
-        hinfinity_norm(ct.ss(-1.0, 1.0, 1.0, 0.0))
+        norm(ct.ss(-1.0, 1.0, 1.0, 0.0), "inf")
 
 
 def test_the_hinfinity_norm_uses_slycot_where_it_is_installed(monkeypatch):
     asked = []
     monkeypatch.setattr(ct.exception, "slycot_check", lambda: True)
     monkeypatch.setattr(ct, "norm", lambda sys, p, tol: asked.append((p, tol)) or 3.0)
-    assert hinfinity_norm(ct.ss(0.5, 1.0, 1.0, 0.0, dt=True), tol=1e-5) == 3.0
+    assert norm(ct.ss(0.5, 1.0, 1.0, 0.0, dt=True), "inf", tol=1e-5) == 3.0
     assert asked == [("inf", 1e-5)]
+
+
+@given(plants(kinds=("stable", "singular"), max_x=4))
+@settings(max_examples=30)
+def test_the_h2_norm_is_that_of_python_control_where_it_has_one(drawn):
+    plant, _, _ = drawn
+    shrunk = ct.ss(0.5 * plant.A, plant.B, plant.C, plant.D, dt=True)
+    taps = [shrunk.D, *(shrunk.C @ np.linalg.matrix_power(shrunk.A, k) @ shrunk.B for k in range(400))]
+    assert norm(shrunk) == pytest.approx(np.sqrt((np.array(taps) ** 2).sum()), rel=1e-9)
+
+
+def test_the_h2_norm_of_a_loop_that_holds_a_signal_twice_is_finite():
+    late = with_dead_time(CART, input_delay=4)
+    K = ct.dlqr(late, np.eye(6), [[1.0]])[0]
+    loop = ct.create_statefbk_iosystem(late, K, estimator=create_ufir_iosystem(late, 17))[1][:, "ud[0]"]
+    taps, state = [loop.D], loop.B
+    for _ in range(2000):
+        taps.append(loop.C @ state)
+        state = loop.A @ state
+    assert norm(loop) == pytest.approx(np.sqrt((np.array(taps) ** 2).sum()), rel=1e-9)
+    with pytest.raises(ct.ControlArgument, match="p=1 not supported"):
+        norm(loop, 1)

@@ -192,3 +192,17 @@ def test_they_close_loops_as_python_controls_estimator_does():
         outputs.append(ct.input_output_response(loop, times, target, start).outputs)
     np.testing.assert_allclose(outputs[1], outputs[0], atol=1e-10)
     np.testing.assert_allclose(outputs[2], outputs[0], atol=1e-10)
+
+
+@pytest.mark.parametrize("create", [create_delay_kalman_iosystem, create_hinfinity_iosystem])
+def test_feedthrough_is_no_obstacle_to_a_predictor(create):
+    direct = ct.ss(CART.A, CART.B, CART.C, [[0.7]], dt=0.1)
+    _, Y, U = signals(CART, 30, np.random.default_rng(8))
+    est, plain = create(direct, QN, RN, P0), create(CART, QN, RN, P0)
+    start = est.initial_state()
+    np.testing.assert_allclose(
+        estimates(est, Y + 0.7 * U, U, start), estimates(plain, Y, U, start), atol=1e-12
+    )
+    with pytest.raises(NotImplementedError, match="algebraic loop"):
+        create(direct, QN, RN, P0, form="filter")
+    assert create(direct, QN, RN, P0, form="filter", feedthrough=True).form == "filter"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
@@ -82,7 +83,13 @@ def test_no_code_of_a_page_escapes_execution(path):
 
 
 def test_the_reference_lists_every_public_name():
-    listed = re.findall(
-        r"^   ([A-Za-z_]\w*)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), flags=re.MULTILINE
-    )
-    assert sorted(listed) == sorted(ufirext.__all__)
+    listed, module = [], "ufirext"
+    for line in (ROOT / "docs" / "api.md").read_text(encoding="utf-8").splitlines():
+        module = line.removeprefix(".. currentmodule:: ") if line.startswith(".. currentmodule") else module
+        listed += [f"{module}.{name}" for name in re.findall(r"^   ([A-Za-z_]\w*)$", line)]
+    public = [f"ufirext.{name}" for name in ufirext.__all__]
+    for package in ("control", "distributed"):
+        if (ROOT / "ufirext" / package).is_dir():
+            names = importlib.import_module(f"ufirext.{package}").__all__
+            public += [f"ufirext.{package}.{name}" for name in names]
+    assert sorted(listed) == sorted(public)

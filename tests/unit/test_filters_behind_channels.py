@@ -333,3 +333,40 @@ def test_the_first_update_may_come_before_the_first_predict(make, channel):
         f.predict()
         f.update(2.0 * n - 2.0 * (1.0 - getattr(channel, "gamma", 1.0)))
     assert_allclose(f.x.ravel(), [38.0, 2.0], atol=1e-6)
+
+
+# -- what is published -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [ufir, fms, kalman])
+def test_k_is_the_gain_of_the_row_that_came_last(make):
+    """Several rows of one step, the oldest last, of different sizes: K tells what the last one moved."""
+    f = configured(make, max_delay=3)
+    for n in range(4):
+        f.predict()
+        f.update(2.0 * n)
+    f.predict()
+    f.update(8.0)
+    twin = copy.deepcopy(f)
+    z, H = np.array([4.0, 2.0]), np.eye(2)
+    f.update(z, R=np.eye(2), H=H, delay=2)
+    for component in range(2):
+        other = copy.deepcopy(twin)
+        other.update(z + np.eye(2)[component], R=np.eye(2), H=H, delay=2)
+        assert_allclose((other.x - f.x).ravel(), f.K[:, component], atol=1e-9)
+
+
+@every_filter
+@every_channel
+@pytest.mark.parametrize("first", [None, 1.0])
+def test_steady_state_keeps_k_and_s_whatever_was_missing(make, channel, first):
+    f = played(configured(make, channel=channel), channel)
+    f.predict()
+    f.update(first)
+    f.predict_steadystate()
+    K, S, P = f.K.copy(), f.S.copy(), f.P.copy()
+    f.update_steadystate(60.0)
+    assert_allclose(f.K, K)
+    assert_allclose(f.S, S)
+    assert_allclose(f.P, P)
+    assert np.isfinite(f.log_likelihood)

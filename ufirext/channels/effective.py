@@ -10,7 +10,16 @@ import numpy as np
 from .._arrays import Array, symmetric
 from ..errors import UfirextError
 
-__all__ = ["Effective", "Step", "at_block", "averaged", "averaged_lifted", "on_time", "stamped"]
+__all__ = [
+    "Effective",
+    "Step",
+    "at_block",
+    "averaged",
+    "averaged_lifted",
+    "on_time",
+    "stamped",
+    "through_inverse",
+]
 
 # Beyond this condition (balanced) F is singular for our purposes: F^-1 would cost more than ten digits.
 CONDITION_LIMIT = 1e10
@@ -47,7 +56,7 @@ class Effective(NamedTuple):
     offset: Array
 
 
-def _invert(rows: Array, F: Array) -> Array:
+def through_inverse(rows: Array, F: Array) -> Array:
     """The product rows F^-1, or an error that names the way without inverses."""
     from scipy.linalg import matrix_balance
 
@@ -79,7 +88,7 @@ def stamped(H: Array, R: Array, past: Sequence[Step], delay: int) -> Effective:
     offset = np.zeros(len(H))
     noise = R
     for step in past[len(past) - delay :]:
-        rows = _invert(rows, step.F)
+        rows = through_inverse(rows, step.F)
         G.append(rows)
         noise = noise + rows @ step.Q @ rows.T
         if step.Bu is not None:
@@ -106,7 +115,7 @@ def averaged(
             "the delay adds a noise that grows with E[x x']"
         )
     F, Q, Bu = past[-1]
-    Hd = _invert(H, F)
+    Hd = through_inverse(H, F)
     D = H - Hd
     G = (1.0 - gamma) * Hd
     offset = np.zeros(len(H)) if Bu is None else G @ Bu.reshape(-1)

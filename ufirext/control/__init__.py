@@ -5,7 +5,7 @@ Names, labels, shapes and errors are those of ``control.create_estimator_iosyste
 
 from __future__ import annotations
 
-from .analysis import hinfinity_norm
+from .analysis import norm
 from .convert import from_statespace, to_statespace
 from .dead_time import with_dead_time
 from .estimator import FIREstimator
@@ -24,7 +24,7 @@ __all__ = [
     "create_ufir_iosystem",
     "fms",
     "from_statespace",
-    "hinfinity_norm",
+    "norm",
     "to_statespace",
     "ufir",
     "with_dead_time",

@@ -1,4 +1,4 @@
-"""The H-infinity norm of discrete-time systems with poles at 0, as FIR estimators have them."""
+"""Norms of discrete-time systems with poles at 0, as FIR estimators and their loops have them."""
 
 from __future__ import annotations
 
@@ -8,31 +8,38 @@ from typing import Any
 import control as ct
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
 
 from .._arrays import Array
 from .plant import linear_system
 
-__all__ = ["hinfinity_norm"]
+__all__ = ["norm"]
 
-# Frequencies looked at, for each state and at least, before the highest peaks are refined.
+# Frequencies looked at, for each state (instant, of an FIR system) and at least, before peaks are refined.
 POINTS_A_STATE = 16
 FEWEST_POINTS = 1024
 # Grid points within this fraction of the highest one may hide the highest peak.
 CONTENDERS = 0.9
+# Poles as near to the unit circle as this count as on it.
+UNSTABLE = 1e-10
 
 
-def hinfinity_norm(sys: ct.StateSpace, tol: float = 1e-8) -> float:
-    """The largest gain of a discrete-time system: the peak of its largest singular value over frequency.
+def norm(sys: ct.StateSpace, p: int | str = 2, tol: float = 1e-8) -> float:
+    """The norm of a discrete-time system, as ``control.norm``, also where that gives up.
 
-    By slycot where it is installed (``control.norm(sys, "inf")``). Without it python-control refuses systems
-    with poles at 0; here a grid of frequencies finds the peaks, which are then refined.
+    ``control.norm`` refuses the H-infinity norm of systems with poles at 0 unless slycot is installed, and
+    gives inf for the H2 norm of loops that hold a signal twice, as a register and a delay line do.
 
     Parameters
     ----------
     sys : control.StateSpace
         Discrete-time.
+    p : {2, "inf"}, optional
+        2: root of the power of the outputs under unit white noise at every input. "inf": the largest gain,
+        the peak of the largest singular value over frequency; by slycot where it is installed, else from a
+        grid of frequencies whose peaks are refined.
     tol : float, optional
-        Relative tolerance; of a peak's frequency without slycot.
+        Relative tolerance for p="inf"; without slycot, of the frequency of a peak.
 
     Returns
     -------
@@ -42,28 +49,56 @@ def hinfinity_norm(sys: ct.StateSpace, tol: float = 1e-8) -> float:
     Raises
     ------
     control.ControlArgument
-        For anything but a discrete-time StateSpace.
+        For anything but a discrete-time StateSpace with states, or another p.
 
     Examples
     --------
-    The noise of a mean of four passes at frequency 0 without loss:
+    A mean of four halves white noise and passes a constant:
 
     >>> import control as ct
-    >>> from ufirext.control import create_ufir_iosystem, hinfinity_norm
+    >>> from ufirext.control import create_ufir_iosystem, norm
     >>> est = create_ufir_iosystem(ct.ss(1, 1, 1, 0, dt=True), horizon=4)
-    >>> round(hinfinity_norm(est.error_system()["e[0]", "v[0]"]), 9)
-    1.0
+    >>> error = est.error_system()["e[0]", "v[0]"]
+    >>> round(norm(error), 9), round(norm(error, "inf"), 9)
+    (0.5, 1.0)
     """
-    linear_system(sys, "hinfinity_norm")
+    linear_system(sys, "norm")
     if not ct.isdtime(sys, strict=True):
-        raise ct.ControlArgument("hinfinity_norm() needs a discrete-time system; use ct.norm(sys, 'inf')")
+        raise ct.ControlArgument("norm() called with a system that is not discrete-time; use ct.norm(sys, p)")
+    if p not in (2, "inf"):
+        raise ct.ControlArgument(f"norm computation for p={p!r} not supported; 2 and 'inf' are")
     register = not np.tril(sys.A).any()
-    if not register and (np.abs(sys.poles()) >= 1.0 - 1e-12).any():
+    if not register and (np.abs(sys.poles()) >= 1.0 - UNSTABLE).any():
         return float("inf")
+    if p == 2:
+        return float(np.linalg.norm(_taps(sys))) if register else _h2(sys)
     if ct.exception.slycot_check():
         return float(ct.norm(sys, "inf", tol=tol))
-    response = _fir_response(sys) if register else _response(sys)
-    return _peak(response, max(FEWEST_POINTS, POINTS_A_STATE * sys.nstates), tol)
+    if register:
+        taps = _taps(sys)
+        return _peak(_fir_response(taps), max(FEWEST_POINTS, POINTS_A_STATE * len(taps)), tol)
+    return _peak(_response(sys), max(FEWEST_POINTS, POINTS_A_STATE * sys.nstates), tol)
+
+
+def _taps(sys: ct.StateSpace) -> Array:
+    """Impulse response (instants, outputs, inputs) of a system whose strictly triangular A makes it end."""
+    A = csr_array(sys.A)
+    taps, state = [np.array(sys.D)], np.array(sys.B)
+    while state.any():
+        taps.append(sys.C @ state)
+        state = A @ state
+    return np.array(taps)
+
+
+def _h2(sys: ct.StateSpace) -> float:
+    """Root of trace(C P C' + D D'), P = sum A^k B B' A^k'; by doubling, P stays positive semidefinite."""
+    A, P = sys.A, sys.B @ sys.B.T
+    while True:
+        more = A @ P @ A.T
+        if not np.abs(more).max(initial=0.0) > np.finfo(float).eps * np.abs(P).max(initial=0.0):
+            break
+        P, A = P + more, A @ A
+    return float(np.sqrt(np.trace(sys.C @ P @ sys.C.T) + (sys.D**2).sum()))
 
 
 Response = Callable[[Array], Any]
@@ -79,16 +114,11 @@ def _response(sys: ct.StateSpace) -> Response:
     return at
 
 
-def _fir_response(sys: ct.StateSpace) -> Response:
-    """The same for a strictly triangular A, whose impulse response ends."""
-    taps, state = [np.array(sys.D)], np.array(sys.B)
-    while state.any():
-        taps.append(sys.C @ state)
-        state = sys.A @ state
-    impulse = np.array(taps)
+def _fir_response(taps: Array) -> Response:
+    """The same from an impulse response that ends."""
 
     def at(omega: Array) -> Any:
-        return np.tensordot(np.exp(-1j * np.outer(omega, np.arange(len(impulse)))), impulse, axes=1)
+        return np.tensordot(np.exp(-1j * np.outer(omega, np.arange(len(taps)))), taps, axes=1)
 
     return at
 

@@ -39,7 +39,7 @@ def from_statespace(
         UFIRFilter, FMSFilterSmoother, DelayKalmanFilter or DelayHInfinityFilter.
     sys : control.StateSpace
         Discrete-time, or continuous-time with `dt`.
-    QN, RN : array_like, optional
+    QN, RN : array_like, (dim_w, dim_w) and (dim_z, dim_z), optional
         Covariances of the disturbances and of the measurement noise of one sample; of a continuous system
         QN is the spectral density. Without them Q and R are what the class begins with.
     dt : float, optional
@@ -59,6 +59,16 @@ def from_statespace(
         For a system or a matrix that does not fit; for a continuous system without `dt`.
     NotImplementedError
         For D != 0, for which filterpy's verbs have no place.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> from ufirext import UFIRFilter
+    >>> from ufirext.control import from_statespace
+    >>> cart = ct.ss([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], 0)
+    >>> from_statespace(UFIRFilter, cart, QN=0.1, RN=4.0, dt=0.5, horizon=8).F
+    array([[1. , 0.5],
+           [0. , 1. ]])
     """
     caller = f"{kind.__name__}.from_statespace"
     linear_system(sys, caller)

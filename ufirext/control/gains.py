@@ -98,7 +98,7 @@ def fms(
     ----------
     sys : control.StateSpace
         Discrete-time. A may be singular or unstable.
-    QN, RN : array_like
+    QN, RN : array_like, (dim_w, dim_w) and (dim_z, dim_z)
         Covariances of the disturbances and of the measurement noise; RN positive definite.
     horizon : int
         Length N of the window.

@@ -51,7 +51,7 @@ def create_delay_kalman_iosystem(
     ----------
     sys : control.StateSpace
         Discrete-time; A may be singular or unstable.
-    QN, RN : array_like
+    QN, RN : array_like, (dim_w, dim_w) and (dim_z, dim_z)
         Covariances of the disturbances and of the measurement noise.
     P0 : array_like, (dim_x, dim_x), optional
         What `initial_state` starts from. Default: the steady state of the Kalman filter.

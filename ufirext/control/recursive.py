@@ -105,6 +105,15 @@ class RecursiveEstimator(ct.NonlinearIOSystem):  # type: ignore[misc]
     ----------
     delay : int
     form : {"predictor", "filter"}
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> from ufirext.control import create_delay_kalman_iosystem
+    >>> walk = ct.ss([[1.0]], [[1.0]], [[1.0]], 0, dt=1.0)
+    >>> est = create_delay_kalman_iosystem(walk, QN=1.0, RN=2.0, delay=1)
+    >>> type(est).__name__, est.delay, est.form
+    ('RecursiveEstimator', 1, 'predictor')
     """
 
     def __init__(

@@ -33,7 +33,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder of the report.")] = Path("ufirext-demo"),
     image: Annotated[Path | None, typer.Option("--picture", help="Write the picture here as well.")] = None,
 ) -> None:
-    """Lose and delay packets of a drive with known truth; compare filterpy's KalmanFilter and UFIRFilter."""
+    """Lose and delay packets of a drive with known truth; compare filterpy's KalmanFilter and ours."""
     console = Console()
     rng = np.random.default_rng(seed)
     try:
@@ -76,9 +76,11 @@ def _reading() -> list[str]:
     late = next(link for link in SCENARIOS.values() if link.late)
     return [
         f"Late packets are 1 to {late.longest} steps late. KalmanFilter has no place for them: it takes "
-        "them as new or not at all. UFIRFilter is told the delay.",
-        "With every packet on time and the right Q and R, a Kalman filter is the yardstick and not to be "
-        "beaten; finite memory is for when they are not.",
+        "them as new or not at all. The others are told the delay.",
+        "With the right Q and R a Kalman filter is the yardstick and not to be beaten, with late packets one "
+        "that knows delays; finite memory and H-infinity are for when Q and R are not right.",
         "Kalman is filterpy's KalmanFilter, UFIR is UFIRFilter: its horizon auto is chosen from the model's "
-        "Q and R, adaptive from the data alone.",
+        "Q and R, adaptive from the data alone. FMS is FMSFilterSmoother, minimum variance over a window "
+        "half as long again as that of UFIR auto; Delay Kalman and H-infinity are DelayKalmanFilter and "
+        "DelayHInfinityFilter, which bounds the errors of the position.",
     ]

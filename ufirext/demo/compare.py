@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .._arrays import Array
+from ..horizon import best_horizon
 from ..model import Model, kinematic
 from .simulate import Arrivals, Drive, Link, transmit
 
@@ -24,6 +25,10 @@ SCENARIOS = {
     "10 % lost, 40 % late": Link(loss=0.1, late=0.4, longest=3),
 }
 
+LATEST = max(link.longest for link in SCENARIOS.values())
+ENOUGH = 1.5
+"""Best horizons of least squares that make the minimum variance as small as it gets, to 0.1 %."""
+
 
 @dataclass(frozen=True)
 class Contender:
@@ -33,17 +38,25 @@ class Contender:
     ----------
     name : str
     horizon : int or str or None
-        UFIRFilter's horizon; None for filterpy's KalmanFilter.
+        Of a filter with a window. "auto" comes from the model the filter is told.
     scale : float or None
         Factor on the right Q; None: the filter is told neither Q nor R and keeps its defaults.
     late : {"delay", "as new", "dropped"}
         What happens to a late packet: update(z, delay=d); update(z) as if on time; nothing.
+    kind : {"filterpy", "ufir", "fms", "kalman", "hinf"}
+        filterpy's KalmanFilter, UFIRFilter, FMSFilterSmoother, DelayKalmanFilter, DelayHInfinityFilter.
     """
 
     name: str
     horizon: int | str | None
     scale: float | None = 1.0
     late: Literal["delay", "as new", "dropped"] = "delay"
+    kind: Literal["filterpy", "ufir", "fms", "kalman", "hinf"] | None = None
+
+    @property
+    def made(self) -> str:
+        """The kind of filter; filterpy's where nothing is said and there is no window."""
+        return self.kind or ("filterpy" if self.horizon is None else "ufir")
 
 
 CONTENDERS = (
@@ -57,6 +70,12 @@ CONTENDERS = (
     Contender("UFIR auto, Q x 100 (or R / 100)", "auto", 100.0),
     Contender("UFIR auto, Q / 100 (or R x 100)", "auto", 0.01),
     Contender("UFIR adaptive, no Q, no R", "adaptive", None),
+    Contender("FMS, right Q, R", "auto", kind="fms"),
+    Contender("FMS, Q / 100 (or R x 100)", "auto", 0.01, kind="fms"),
+    Contender("Delay Kalman, right Q, R", None, kind="kalman"),
+    Contender("Delay Kalman, Q / 100 (or R x 100)", None, 0.01, kind="kalman"),
+    Contender("H-infinity, right Q, R", None, kind="hinf"),
+    Contender("H-infinity, Q / 100 (or R x 100)", None, 0.01, kind="hinf"),
 )
 
 
@@ -104,20 +123,36 @@ def models(seconds: Array, q: float, r: float) -> list[Model]:
 def build(contender: Contender, trial: Trial) -> Any:
     """The contender's filter at the trial's first measurement, at rest."""
     model = trial.models[0]
-    if contender.horizon is None:
-        from filterpy.kalman import KalmanFilter
-
-        f: Any = KalmanFilter(4, 2)
-    else:
-        from ..filters.ufir import UFIRFilter
-
-        f = UFIRFilter(4, 2, horizon=contender.horizon)
+    told = model if contender.scale is None else model.replace(Q=contender.scale * model.Q)
+    f = _filter(contender, told)
     f.F, f.H = model.F.copy(), model.H.copy()
     if contender.scale is not None:
-        f.Q, f.R = contender.scale * model.Q, model.R.copy()
+        f.Q, f.R = told.Q.copy(), model.R.copy()
     f.P = np.diag([model.R[0, 0], 100.0, model.R[1, 1], 100.0])
     f.x = (model.H.T @ trial.measured[0]).reshape(4, 1)
     return f
+
+
+def _filter(contender: Contender, told: Model) -> Any:
+    if contender.made == "filterpy":
+        from filterpy.kalman import KalmanFilter
+
+        return KalmanFilter(4, 2)
+    if contender.made == "ufir":
+        from ..filters.ufir import UFIRFilter
+
+        return UFIRFilter(4, 2, horizon=contender.horizon)  # type: ignore[arg-type]
+    if contender.made == "fms":
+        from ..filters.fms import FMSFilterSmoother
+
+        return FMSFilterSmoother(4, 2, horizon=math.ceil(ENOUGH * best_horizon(told)))
+    if contender.made == "kalman":
+        from ..filters.kalman import DelayKalmanFilter
+
+        return DelayKalmanFilter(4, 2, max_delay=LATEST)
+    from ..filters.hinfinity import DelayHInfinityFilter
+
+    return DelayHInfinityFilter(4, 2, max_delay=LATEST, S=told.H.T @ told.H)
 
 
 def estimate(contender: Contender, trial: Trial, arrivals: Arrivals) -> Array:

@@ -30,11 +30,13 @@ SHOWN, CLOSE_UP = 60, 24
 """Steps in the errors over time, and in the map, taken from their middle."""
 
 # Okabe and Ito's palette, told apart by colour-blind readers too.
-BLACK, ORANGE, SKY, BLUE, RED = "#000000", "#E69F00", "#56B4E9", "#0072B2", "#D55E00"
+BLACK, ORANGE, SKY, BLUE = "#000000", "#E69F00", "#56B4E9", "#0072B2"
+RED, GREEN = "#D55E00", "#009E73"
 LINES = {
     "Kalman, right Q, R": (RED, "--", "KalmanFilter, late packets as new"),
     "Kalman, right Q, R, late dropped": (ORANGE, "-.", "KalmanFilter, late packets dropped"),
     "UFIR auto, right Q, R": (BLUE, "-", "UFIRFilter, update(z, delay=d)"),
+    "Delay Kalman, right Q, R": (GREEN, ":", "DelayKalmanFilter, update(z, delay=d)"),
 }
 
 
@@ -58,9 +60,9 @@ def picture(shown: Exhibit, scores: Scores, title: str) -> Figure:
     """Track and errors over the busiest minute, and every score with its standard error."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12, 9.5), layout="constrained")
+    figure = Figure(figsize=(12, 11), layout="constrained")
     figure.suptitle(title, fontsize=14)
-    grid = figure.add_gridspec(2, 1, height_ratios=(1.15, 1))
+    grid = figure.add_gridspec(2, 1, height_ratios=(1, 1.1))
     upper = figure.add_subfigure(grid[0])
     lower = figure.add_subfigure(grid[1])
     left, right = upper.subplots(1, 2, width_ratios=(1, 1.15))
@@ -91,7 +93,7 @@ def _draw_track(axes: Axes, shown: Exhibit, window: slice) -> None:
     axes.plot(*np.array(packets).T, ".", color=SKY, ms=7, label="packets received")
     for name, positions in shown.estimates.items():
         colour, _, label = LINES[name]
-        if colour == ORANGE:
+        if colour in (ORANGE, GREEN):
             continue  # close to one of the others most of the time; the errors beside show it
         axes.plot(*positions[window].T, "o", color=colour, ms=4.5, label=label)
         for step in steps:

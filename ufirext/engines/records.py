@@ -230,16 +230,18 @@ class Records:
             x if lag or self.after is None else x + self.after,
             Covariance(exact_covariance, (stack.window, gain)),
             Covariance.of(gain),
-            Covariance(_newest_gain, (stack, gain)),
+            Covariance(_newest_gain, (stack, gain, self.rows[-1])),
             len(stack.rows),
         )
 
 
-def _newest_gain(stack: Stack, gain: Array) -> Array:
+def _newest_gain(stack: Stack, gain: Array, newest: Row) -> Array:
     """Columns of the gain that act on the row which arrived last (dim_x, its components)."""
-    rows, starts = stack.rows, stack.window.starts
-    newest = max(range(len(rows)), key=lambda index: (rows[index].arrival, index))
-    return gain[:, starts[newest] : starts[newest + 1]]
+    starts = stack.window.starts
+    for index, row in enumerate(stack.rows):
+        if row is newest:
+            return gain[:, starts[index] : starts[index + 1]]
+    return np.zeros((len(gain), len(newest.H)))
 
 
 def _key(row: Row, limits: Limits) -> int:

@@ -52,7 +52,7 @@ class Member(UFIRState):
         self.settle()
         self.predict(F, Q, known)
 
-    def feed(self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None) -> None:
+    def feed(self, z: Array | None, H: Array, R: Array, delay: int) -> None:
         """update() with measured components, on the hot path where it can be."""
         usual = self.mode == PREDICTED and delay == 0 and H is self.H.value and R is self.R.value
         if usual and self.take(z):
@@ -60,7 +60,7 @@ class Member(UFIRState):
             return
         self.taken = False
         self.settle()
-        self.update(z, H, R, delay, cross, whole=z is not None)
+        self.update(z, H, R, delay, whole=z is not None)
 
     def edit(self, delta: Array) -> None:
         """The owner's x was moved by `delta`."""
@@ -272,7 +272,7 @@ class AdaptiveState(UFIRState):
         if delay and self._too_old(delay):
             self.dropped += 1
         for member in self.members:
-            member.feed(z, H, R, delay, cross)
+            member.feed(z, H, R, delay)
         nothing = Covariance.of(np.zeros((self.dim_x, len(z))))
         if any(member.taken for member in self.members):
             self._judge(z, H, R, delay)

@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from .._arrays import Array, symmetric
-from ..channels import Effective
 from ..engines.covariance import Covariance
 from ..engines.pairs import PairRing
-from ..engines.records import Limits, Step, measured
+from ..engines.records import Limits, Step
 from ..engines.segmented import Segmented
 from ..recursions.augmented import Lifted
 from ..window import Row, whitener
 from ._channel_rows import AveragedRows
 from ._fms_state import FMSState, check_weight
-from ._update import innovation_gain, joseph
 
 
 class AveragedFMSState(AveragedRows, FMSState):
@@ -25,9 +23,6 @@ class AveragedFMSState(AveragedRows, FMSState):
     T (z - ..) is a known input: an ordinary window again, without an inverse of F.
     """
 
-    met: Lifted | None = None  # [x_n; x_{n-1}] that the row being taken in meets
-    left: Lifted | None = None  # .. and as the last row of this step left it, during the warm-up
-
     @property
     def limits(self) -> Limits:
         """The window's rules; the row of a state belongs to the state before."""
@@ -36,39 +31,10 @@ class AveragedFMSState(AveragedRows, FMSState):
     def _ring(self, engine: Segmented, F: Array, Q: Array) -> PairRing | None:
         return None
 
-    def predict(self, F: Array, Q: Array, known: Array | None) -> None:
-        """Time update by F, Q and a known change of the state."""
-        super().predict(F, Q, known)
-        self.left = None
-
-    def update(
-        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
-    ) -> None:
-        """Measurement update; z flat with NaN for missing components, or None."""
-        self.channel.check_delay(delay)
-        if z is None or self.step is None:
-            super().update(z, H, R, 0, cross, whole)
-            return
-        pair = self.met = self._pair()
-        both, R_both = self.channel.lifted(H, R, 0, pair.x, pair.P)
-        if not both[:, self.dim_x :].any():
-            super().update(z, H, R, 0, cross, whole)
-            return
-        mask = measured(z, both, R_both)[3]
-        super().update(z if mask.any() else None, both, R_both, 0)
-        if mask.any():
-            if cross is not None:
-                cross = np.vstack([cross, np.zeros_like(cross)])
-            row = Effective(both, R_both, (), np.zeros((0, 0)), np.zeros(len(z)))
-            self._left(z, row, mask, (pair.x, Covariance.of(pair.P)), cross)
-
     def _pair(self) -> Lifted:
-        """The present state and the one before, as the rows so far left them."""
-        n = self.dim_x
-        if not self.updated:
+        """The present state and the one before, as the rows of this step left them."""
+        if not self.updated or self.left is not None:
             return super()._pair()
-        if self.left is not None:
-            return Lifted(np.concatenate([self.x, self.left.x[n:]]), self.left.P)
         found = self._folds().lagged(self.now - 1, self.now, self.known)
         if found is None:
             return super()._pair()
@@ -84,22 +50,14 @@ class AveragedFMSState(AveragedRows, FMSState):
         step, row, T = decorrelated(folds, z, H, R)
         if folds.negligible(row):
             return None
-        folds.steps[-1] = step
+        folds.steps[-1], self.left = step, None
         solution = self._entered(folds, row)
         if solution is None:
-            return self._kalman(z, H, R, cross)
-        self.left = None
+            self.wide = z, H, R
+            gain = self._kalman(z, H, R, cross)
+            self.wide = None
+            return gain
         return Covariance(_total_gain, (self._solved(solution), T))
-
-    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
-        n, pair = self.dim_x, self.met
-        if H.shape[1] == n or pair is None:
-            return super()._kalman(z, H, R, cross)
-        K, _ = innovation_gain(pair.P, H, R)
-        x, P = pair.x + K @ (z - H @ pair.x), joseph(pair.P, K, H, R)
-        self.left = Lifted(x, P)
-        self._publish(x[:n], Covariance.of(P[:n, :n]))
-        return Covariance.of(K[:n])
 
 
 def decorrelated(folds: Segmented, z: Array, H: Array, R: Array) -> tuple[Step, Row, Array]:

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array
-from ..channels import Channel, Effective, Step
+from .._arrays import Array, symmetric
+from ..channels import Channel, Step
+from ..channels.effective import through_inverse
 from ..engines.covariance import Covariance
 from ..engines.records import Records, Solution, Stack, measured
 from ..engines.ring import Ring
@@ -24,6 +25,7 @@ from ..window import Row
 from ._late import LateUpdate
 from ._lifted import with_marginal
 from ._state import FilterState
+from ._update import innovation_gain, joseph
 from ._window_state import WindowState
 
 
@@ -67,11 +69,15 @@ class StampedRows(ChannelState):
 
 
 class AveragedRows(ChannelState):
-    """Measurements without stamps, one step late with a known probability."""
+    """Measurements without stamps, one step late with a known probability: rows of [x_n; x_{n-1}]."""
 
     step: Step | None = None  # the last transition, with all that is known to have moved the state
     start: tuple[Array, Covariance] | None = None  # from which it led
+    expected: Covariance | None = None  # and the P to which
     moved_after: Array | None = None  # edits of x since the last row of this step
+    met: Lifted | None = None  # [x_n; x_{n-1}] as the row that is taken in finds it
+    left: tuple[Lifted, Covariance] | None = None  # and as the last row of the warm-up left it, with its P
+    wide: tuple[Array, Array, Array] | None = None  # z, H and R of the row that is taken in
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""
@@ -81,7 +87,59 @@ class AveragedRows(ChannelState):
             # What came in the step that ends saw the state before it was moved.
             start = (start[0] - after, start[1])
             known = F @ after if known is None else known + F @ after
-        self.step, self.start, self.moved_after = Step(F, Q, known), start, None
+        self.step, self.start, self.expected = Step(F, Q, known), start, self.P
+        self.moved_after = self.left = None
+
+    def update(
+        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
+    ) -> None:
+        """Measurement update; z flat with NaN for missing components, or None."""
+        self.channel.check_delay(delay)
+        if z is None or self.step is None:
+            super().update(z, H, R, 0, cross, whole)
+            return
+        pair = self.met = self._pair()
+        both, own = self.channel.lifted(H, R, 0, pair.x, pair.P)
+        if not both[:, self.dim_x :].any():
+            super().update(z, H, R, 0, cross, whole)
+            return
+        mask: Any = measured(z, both, own)[3]
+        if not mask.any():
+            super().update(None, H, R, 0)
+            return
+        if cross is not None:
+            cross = np.vstack([cross, np.zeros_like(cross)])
+        super().update(z, both, own, 0, cross)
+        if self.last is not None:
+            gain = self.last.gain
+            self.last = LateUpdate(z, both, own, mask, pair.x, Covariance.of(pair.P), gain, cross)
+
+    def _pair(self) -> Lifted:
+        """The present state and the one before; in the warm-up as the rows of this step left them."""
+        if self.step is None or self.start is None or self.expected is None:
+            raise RuntimeError("there is no state before the first step")
+        if self.left is not None:
+            (x, P), made = self.left[0], self.left[1]
+            pair = Lifted(np.concatenate([self.x, x[self.dim_x :]]), P)
+            return pair if self.P is made else with_marginal(pair, self.P.value)
+        x, now = self.prior if self.updated else (self.x, self.P)
+        before, expected = self.start[1].value, self.expected.value
+        cross = self.step.F @ before
+        pair = Lifted(np.concatenate([x, self.start[0]]), np.block([[expected, cross], [cross.T, before]]))
+        return pair if now is self.expected else with_marginal(pair, now.value)
+
+    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
+        """The book's update of the pair, for as long as the rows do not determine the state."""
+        if self.wide is None or self.met is None:
+            return super()._kalman(z, H, R, cross)  # type: ignore[misc, no-any-return]
+        n, pair, (z, H, R) = self.dim_x, self.met, self.wide
+        cross = None if cross is None or len(z) != cross.shape[1] else cross
+        K, S = innovation_gain(pair.P, H, R, cross)
+        P = joseph(pair.P, K, H, R) if cross is None else pair.P - K @ S @ K.T
+        x, marginal = pair.x + K @ (z - H @ pair.x), Covariance.of(P[:n, :n])
+        self.left = Lifted(x, P), marginal
+        self._publish(x[:n], marginal)
+        return Covariance.of(K[:n])
 
     def _moved(self, delta: Array) -> None:
         super()._moved(delta)
@@ -93,30 +151,6 @@ class AveragedRows(ChannelState):
 
     def warm(self) -> None:
         """Every row is another one: there is no hot path."""
-
-    def _known(self) -> tuple[Array, Array]:
-        """x and P of now, before the rows of this step."""
-        if self.updated:
-            return self.prior[0], self.prior[1].value
-        return self.x, self.P.value
-
-    def _pair(self) -> Lifted:
-        """The present state and the one before, before the rows of this step."""
-        if self.step is None or self.start is None:
-            raise RuntimeError("there is no state before the first step")
-        x, P = self._known()
-        before = self.start[1].value
-        cross, expected = self.step.F @ before, self.prior[1].value
-        pair = Lifted(np.concatenate([x, self.start[0]]), np.block([[expected, cross], [cross.T, before]]))
-        return pair if P is expected else with_marginal(pair, P)
-
-    def _left(
-        self, z: Array, row: Effective, mask: Any, met: tuple[Array, Covariance], cross: Array | None
-    ) -> None:
-        """Publish what was measured, and the state it met, in place of what the window took."""
-        if self.last is not None:
-            gain = self.last.gain
-            self.last = LateUpdate(z, row.H, row.R, mask, *met, gain, cross, row.offset)
 
 
 class CorrelatedRecords(Varying):
@@ -152,10 +186,6 @@ class CorrelatedWindow(WindowState):
     def _over(self, records: Records) -> Records:
         return CorrelatedRecords.over(records, self.limits)
 
-    def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
-        self.correlation = cross
-        return super()._absorb(z, H, R, delay, cross)
-
     def _add(
         self, engine: Ring | Records, z: Array, H: Array, R: Array, delay: int
     ) -> tuple[bool, Solution | None]:
@@ -164,7 +194,7 @@ class CorrelatedWindow(WindowState):
             raise RuntimeError("a ring holds no correlated rows")
         if correlation is not None:
             unit = root(engine.step(self.now - delay).Q)
-            correlation = np.linalg.lstsq(unit, correlation, rcond=None)[0]
+            correlation = np.asarray(np.linalg.lstsq(unit, correlation, rcond=None)[0], dtype=float)
         row = Row(self.now - delay, self.now, H, R, z, correlation=correlation)
         if engine.negligible(row):
             return False, None
@@ -174,26 +204,23 @@ class CorrelatedWindow(WindowState):
         return True, None if self._hopeless(engine) else engine.solve(self.limits)
 
 
-class EffectiveRows(AveragedRows):
-    """Each measurement as a row of the present state, by `Channel.effective`."""
+class EffectiveRows(AveragedRows, CorrelatedWindow):
+    """Each measurement as a row of the present state alone, as `Channel.effective` has it."""
 
-    def update(
-        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
-    ) -> None:
-        """Measurement update; z flat with NaN for missing components, or None."""
-        self.channel.check_delay(delay)
-        if z is None or self.step is None:
-            super().update(z, H, R, 0, cross, whole)
-            return
-        row = self.channel.row(H, R, [self.step], 0, *self._known())
-        if not row.G:
-            super().update(z, H, R, 0, cross, whole)
-            return
-        cross = row.correlation if cross is None else row.correlation + cross
-        z_in, H_in, R_in, mask = measured(z + row.offset, row.H, row.R)
-        if not mask.any():
-            super().update(None, row.H, row.R, 0)
-            return
-        met = self.x, self.P
-        super().update(z_in, H_in, R_in, 0, cross[:, mask])
-        self._left(z, row, mask, met, cross)
+    def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
+        n, step = self.dim_x, self.step
+        if H.shape[1] == n or step is None:
+            return super()._absorb(z, H, R, delay, cross)
+        G = through_inverse(H[:, n:], step.F)
+        if self.stale:
+            self.refresh()
+        self._correlate(-step.Q @ G.T)
+        self.wide, self.left = (z, H, R), None
+        z = z if step.Bu is None else z + G @ step.Bu
+        gain = super()._absorb(z, H[:, :n] + G, symmetric(R + G @ step.Q @ G.T), 0, cross)
+        self.wide = None
+        return gain
+
+    def _correlate(self, correlation: Array) -> None:
+        """The correlation of the coming row's noise with the process noise."""
+        self.correlation = correlation

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from .._arrays import Array
 from ..channels import Channel
 from ..engines.records import Records
 from ._bank import AdaptiveState, Member
@@ -32,7 +33,7 @@ class StampedFMSState(StampedRows, FMSState):
     """Minimum variance, behind a channel with time stamps."""
 
 
-class AveragedUFIRState(EffectiveRows, CorrelatedWindow, UFIRState):
+class AveragedUFIRState(EffectiveRows, UFIRState):
     """One horizon, behind a channel without time stamps."""
 
 
@@ -40,11 +41,16 @@ class AveragedMember(CorrelatedWindow, Member):
     """A candidate of a bank behind a channel without time stamps."""
 
 
-class AveragedAdaptiveState(EffectiveRows, CorrelatedWindow, AdaptiveState):
+class AveragedAdaptiveState(EffectiveRows, AdaptiveState):
     """A bank of horizons, behind a channel without time stamps."""
 
     def _member(self, horizon: int, past: Records | None) -> Member:
         return AveragedMember(self, horizon, past)
+
+    def _correlate(self, correlation: Array) -> None:
+        for member in self.members:
+            if isinstance(member, AveragedMember):
+                member.correlation = correlation
 
 
 def ufir_state(

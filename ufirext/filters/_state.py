@@ -221,8 +221,11 @@ class FilterState:
         self.P, self._P_handed = P, None
         if self.updated:
             self.post = (self.x, P)
-            if self.last is not None and last is not None:
-                self.last = replace(self.last, P=last.P, gain=last.gain, cross=last.cross)
+            if self.last is not None and last is not None and len(self.last.H) == len(last.H):
+                kept = replace(self.last)
+                # Whatever was missing then or is now: K and S are what was published.
+                kept.__dict__.update(K=last.K, S=last.S)
+                self.last = kept
         else:
             self.prior = (self.x, P)
 

@@ -44,9 +44,10 @@ class FMSFilterSmoother(WindowFilter):
 
     Attributes
     ----------
-    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood,
-    mahalanobis
+    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post
         As in filterpy; x and P are x_{n|n} and its error covariance. R must not be zero.
+    log_likelihood, likelihood, mahalanobis
+        Of the last measurement, as in filterpy.
 
     Raises
     ------

@@ -48,9 +48,10 @@ class UFIRFilter(WindowFilter):
 
     Attributes
     ----------
-    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post, log_likelihood, likelihood,
-    mahalanobis
+    x, P, F, H, Q, R, B, M, K, y, S, SI, z, x_prior, P_prior, x_post, P_post
         As in filterpy. P is the exact error covariance of x under Q and R, computed when read.
+    log_likelihood, likelihood, mahalanobis
+        Of the last measurement, as in filterpy.
 
     Raises
     ------

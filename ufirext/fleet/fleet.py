@@ -53,6 +53,14 @@ class Fleet:
     ticks : int
         Steps taken.
 
+    Raises
+    ------
+    HorizonError, UnobservableWindow
+        For a horizon that is no positive integer, or one that can never determine the state; for a number of
+        tracks below 0.
+    UfirextError
+        For a word that `missing` does not know.
+
     Notes
     -----
     The measurements lie in a time-major ring of `horizon` slots (more once a track has gaps), where NaN marks

@@ -58,7 +58,7 @@ class Irregular:
             return self._by_pattern(batch, np.arange(len(tracks)))  # they all began together
         length = horizon if batch.delays is None else horizon + int(xp.max(batch.delays))
         sums, counts = by_origin(batch, self.space, length)
-        instants = xp.sum(xp.any(counts > 0.0, axis=1), axis=0, dtype=xp.int32)
+        instants = xp.sum(xp.astype(xp.any(counts > 0.0, axis=1), xp.int32), axis=0)
         enough = self.space.host(instants) >= (self.wanted if history.older else 1)
         return self._solved(batch, sums, counts, enough)
 

@@ -26,6 +26,8 @@ class SeriesEstimate:
     ready : ndarray of bool, (T,) or (S, T)
         Where the measurements of the window determine the state.
     horizon, lag : int
+    covariances : callable
+        Works out `P`, which asks it once.
 
     Examples
     --------

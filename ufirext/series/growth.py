@@ -22,7 +22,7 @@ from ..minimum_variance import minimum_variance_gain
 from ..model import Model
 from ..window import whitener
 
-__all__ = ["Head", "head_of", "head_states", "moved_head"]
+__all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 
 # Windows up to this length have a gain each; of minimum variance, whose gains cost more, so many longer ones.
 SHORT, SHORT_BEYOND = 24, 4
@@ -162,29 +162,49 @@ def _shared(model: Model, low: int, length: int, lag: int) -> tuple[Shared, ...]
     return tuple(parts)
 
 
-def _basis(model: Model, low: int, high: int, lag: int) -> Shared | None:
+class Basis(NamedTuple):
+    """Orthonormal basis of a full window: whitened rows, the same for raw measurements, the oldest state.
+
+    white, raw : (length, dim_z, dim_x); back : (dim_x, dim_x), x_oldest = back (sum_i white_i' white_i)^-1
+    sum_i raw_i' z_i over the rows that are there.
+    """
+
+    white: Array
+    raw: Array
+    back: Array
+
+
+def basis_of(model: Model, length: int) -> Basis | None:
+    """The basis of the window of `length` steps; None where it is ill conditioned."""
     n, m = model.dim_x, model.dim_z
-    white = whitener(model.R)
+    W = whitener(model.R)
     with np.errstate(over="ignore", invalid="ignore"):
-        C = observations(white @ model.H, model.F, high)
+        C = observations(W @ model.H, model.F, length)
         scale = np.sqrt(np.einsum("ij,ij->j", C, C))
     if not (np.isfinite(scale).all() and scale.all()):
         return None
     U, s, Vt = np.linalg.svd(C / scale, full_matrices=False)
     if s[0] > WELL_CONDITIONED * s[-1]:
         return None
-    blocks = U.reshape(high, m, n)
+    white = U.reshape(length, m, n)
+    return Basis(white, W.T @ white, (Vt.T / s) / scale[:, None])
+
+
+def _basis(model: Model, low: int, high: int, lag: int) -> Shared | None:
+    basis = basis_of(model, high)
+    if basis is None:
+        return None
+    n, blocks = model.dim_x, basis.white
     Lam = np.cumsum(blocks.transpose(0, 2, 1) @ blocks, axis=0)[low:]
     values = np.linalg.eigvalsh(Lam)
     if not (values[:, -1] <= SHARED_CONDITION * values[:, 0]).all():
         return None
-    back = (Vt.T / s) / scale[:, None]
     aims = np.empty((high - low, n, n))
-    aims[0] = np.linalg.matrix_power(model.F, low - lag) @ back
+    aims[0] = np.linalg.matrix_power(model.F, low - lag) @ basis.back
     for step in range(1, high - low):
         np.matmul(model.F, aims[step - 1], out=aims[step])
     W = np.linalg.solve(Lam, aims.transpose(0, 2, 1))  # transposed: eta W = x
-    return Shared(low, high, np.ascontiguousarray(white.T @ blocks), np.ascontiguousarray(W))
+    return Shared(low, high, np.ascontiguousarray(basis.raw), np.ascontiguousarray(W))
 
 
 def _recursion(model: Model, start: Array, low: int, length: int, unbiased: bool) -> Recursion:

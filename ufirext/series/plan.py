@@ -137,6 +137,13 @@ def series_plan(
     ------
     HorizonError, UnobservableWindow
         As `ufir_gain`.
+
+    Examples
+    --------
+    >>> from ufirext import kinematic, series_plan
+    >>> plan = series_plan(kinematic(1, 1, 0.1), horizon=300)
+    >>> plan.gain.horizon, plan is series_plan(kinematic(1, 1, 0.1), horizon=300)
+    (300, True)
     """
     horizon = chosen_horizon(model, horizon)
     lag = integer(lag, "lag", 0, horizon - 1, "the window holds horizon states, up to the newest one")

@@ -17,6 +17,7 @@ from ..window import model_window
 from . import arguments
 from .constant import Tick, convolved, head_covariances
 from .estimate import SeriesEstimate
+from .holes import Holes, hole_plan, present_in
 from .plan import SeriesPlan, chosen_horizon, model_with, series_plan
 from .progress import Progress, ticking
 from .request import PerStep, Request
@@ -24,6 +25,8 @@ from .stepwise import stepwise, stepwise_covariances
 
 __all__ = ["filter_series"]
 
+Mask = NDArray[np.bool_]
+CONSTANT, HOLES, STEPWISE = range(3)
 ENGINES = ("auto", "toeplitz", "stepwise", "numba")
 
 
@@ -73,8 +76,8 @@ def filter_series(
         As in `UFIRFilter`.
     engine : {"auto", "toeplitz", "stepwise", "numba"}
         How it is done; all give the same numbers. "stepwise" goes through the streaming classes.
-    out : ndarray of float, optional
-        Where x is written, in the shape of x; may be memory-mapped.
+    out : ndarray of float, (T, dim_x) or (S, T, dim_x), optional
+        Where x is written; may be memory-mapped.
     progress : bool or callable
         True shows a bar (needs rich); a callable is called with (samples done, samples in all).
     prior : (x, P), optional
@@ -130,11 +133,11 @@ def filter_series(
     )
     _require_possible(request, window)
     x = arguments.as_output(out, (*shape, model.dim_x) if many else (shape[1], model.dim_x))
-    ready: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
-    regular = _regular(request, engine)
+    ready: Mask = np.zeros(shape, dtype=np.bool_)
+    kinds = _kinds(request, engine)
     with ticking(progress, shape[0] * shape[1]) as tick:
-        _run(request, regular, x if many else x[None], ready, tick)
-    covariances = partial(_covariances, request, regular, many)
+        _run(request, kinds, x if many else x[None], ready, tick)
+    covariances = partial(_covariances, request, kinds, many)
     return SeriesEstimate(x, ready if many else ready[0], horizon, lag, covariances)
 
 
@@ -168,43 +171,43 @@ def _require_possible(request: Request, window: str) -> None:
         )
 
 
-def _regular(request: Request, engine: str) -> NDArray[np.bool_]:
-    """Which series one convolution filters."""
+def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
+    """What each series needs: CONSTANT, HOLES or STEPWISE."""
+    kinds: NDArray[np.int8] = np.full(request.count, CONSTANT, dtype=np.int8)
     broken = arguments.holes(request.z)
     simple = request.per_step.empty and request.delays is None and request.us is None
-    if engine == "stepwise" or not simple:
-        broken[:] = True
-    if engine == "toeplitz" and broken.any():
+    if engine == "toeplitz" and (broken.any() or not simple):
         raise UfirextError(
             'engine="toeplitz" needs a constant model and series without holes, delays and inputs; '
             'use engine="auto"'
         )
-    return ~broken
+    if engine == "stepwise" or not simple:
+        kinds[:] = STEPWISE
+    elif broken.any():
+        plan = hole_plan(_plan(request), request.missing != "skip")
+        for series in np.flatnonzero(broken).tolist():
+            held = request.missing != "predict" and plan.holds(present_in(request, series))
+            kinds[series] = HOLES if held else STEPWISE
+    return kinds
 
 
-def _run(
-    request: Request, regular: NDArray[np.bool_], x: Array, ready: NDArray[np.bool_], tick: Tick
-) -> None:
-    if regular.all():
-        _constant(request, x, ready, tick)
-        return
-    if not regular.any():
-        stepwise(request, x, ready, tick=tick)
-        return
-    for chosen, run in ((regular, _constant), (~regular, _by_steps)):
-        part, seen = (
-            np.empty((int(chosen.sum()), *x.shape[1:])),
-            np.zeros((int(chosen.sum()), x.shape[1]), bool),
-        )
-        run(request.only(chosen), part, seen, tick)
-        x[chosen], ready[chosen] = part, seen
+def _run(request: Request, kinds: NDArray[np.int8], x: Array, ready: Mask, tick: Tick) -> None:
+    for kind, run in ((CONSTANT, _constant), (HOLES, _holes), (STEPWISE, _by_steps)):
+        chosen = kinds == kind
+        if chosen.all() and len(chosen):
+            run(request, x, ready, tick)
+        elif chosen.any():
+            part = np.empty((int(chosen.sum()), *x.shape[1:]))
+            seen = np.zeros(part.shape[:2], dtype=np.bool_)
+            run(request.only(chosen), part, seen, tick)
+            x[chosen], ready[chosen] = part, seen
 
 
-def _by_steps(request: Request, x: Array, ready: NDArray[np.bool_], tick: Tick) -> None:
+def _by_steps(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
     stepwise(request, x, ready, tick=tick)
 
 
-def _constant(request: Request, x: Array, ready: NDArray[np.bool_], tick: Tick) -> None:
+def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
     """A constant model and series without holes."""
     plan = _plan(request)
     convolved(plan.convolution, request.z, x, plan.alignment, tick)
@@ -220,14 +223,37 @@ def _constant(request: Request, x: Array, ready: NDArray[np.bool_], tick: Tick) 
         stepwise(request, x, ready, stop=plan.first - 1)
 
 
+def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
+    """A constant model and series with holes, one after the other."""
+    plan = hole_plan(_plan(request), request.missing != "skip")
+    for series in range(request.count):
+        one = request.only(slice(series, series + 1))
+        z, present = np.asarray(one.z[0], dtype=float), present_in(request, series)
+        filled = replace(one, z=np.where(present, z, 0.0)[None], prior=None)
+        _constant(filled, x[series : series + 1], ready[series : series + 1], lambda samples: None)
+        Holes(plan, z, present, request.missing).fill(x[series], ready[series])
+        if request.prior is not None and not ready[series].all():
+            _warm_up(one, x[series], ready[series])
+        tick(request.steps)
+
+
+def _warm_up(request: Request, x: Array, ready: Mask) -> None:
+    """What the Kalman filter of the prior says wherever the window does not suffice."""
+    missing = np.flatnonzero(~ready)
+    states, seen = np.empty((1, *x.shape)), np.empty((1, len(x)), dtype=np.bool_)
+    stepwise(request, states, seen, stop=int(missing[-1]) + 1)
+    x[missing] = states[0, missing]
+
+
 def _plan(request: Request) -> SeriesPlan:
     return series_plan(request.model, request.horizon, request.lag, unbiased=request.unbiased)
 
 
-def _covariances(request: Request, regular: NDArray[np.bool_], many: bool) -> Array:
-    """P of all series: those of regular ones are the same but for the prior."""
+def _covariances(request: Request, kinds: NDArray[np.int8], many: bool) -> Array:
+    """P of all series: those of series without holes are the same but for the prior."""
     shape, n = (request.count, request.steps), request.model.dim_x
-    if not regular.any():
+    regular = kinds == CONSTANT
+    if len(kinds) and not regular.any():
         P = stepwise_covariances(request)
         return P if many else P[0]
     common = _common_covariances(request, _plan(request))
@@ -248,6 +274,8 @@ def _common_covariances(request: Request, plan: SeriesPlan) -> Array:
     n, begin = request.model.dim_x, min(plan.horizon - 1, request.steps)
     P = np.empty((request.steps, n, n))
     P[begin:] = plan.gain.P
-    if begin:
+    if begin and plan.head is None:
+        P[:begin] = stepwise_covariances(replace(request.only(slice(1)), z=request.z[:1, :begin]))[0]
+    elif begin:
         P[:begin] = head_covariances(plan, begin)
     return P

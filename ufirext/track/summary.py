@@ -150,10 +150,7 @@ def _theta(motion: Motion, estimates: Estimates) -> list[tuple[str, str]]:
     why = "0.3 of the limit at each row" if motion.theta is None else "as told"
     return [
         ("theta", f"{used} per m^2 ({why}; smallest limit {limit:.3g})"),
-        (
-            "guarantee",
-            "sum of theta |position error|^2 <= energy of start, process noise and measurement noise",
-        ),
+        ("guarantee", "sum of theta |position error|^2 <= energy of the start and of both noises"),
     ]
 
 

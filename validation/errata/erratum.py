@@ -83,7 +83,7 @@ def errata_item(paper: Paper, errata: Sequence[Erratum]) -> Item:
         claims=[erratum.name for erratum in errata],
         assumptions=[
             "Reported is what the printed equation gives, taken literally; the prediction is a computation "
-            "that uses neither the printed equation nor the library. An equation that turned out right would fail."
+            "that uses neither. A printed equation that turned out right would fail the suite."
         ],
     )
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from validation.claims import Claim, Verdict
+from validation.claims import Claim
 from validation.item import Item, Table
 from validation.papers import GROUPS
-from validation.report.words import MEANING, allowed, counted, number, ours, reported, shift
+from validation.report.words import MEANING, allowed, counted, number, ours, reasons, reported, shift
 from validation.results import Drift, Summary
 from validation.runner import Result
 
@@ -76,7 +76,8 @@ def provenance(summary: Summary) -> str:
 
 
 def _scoreboard(items: Sequence[Item], summary: Summary, link: bool = False) -> list[str]:
-    verdicts = list(Verdict)
+    total = counted(summary.claims)
+    verdicts = list(total)
     parts = []
     for paper in GROUPS:
         rows = []
@@ -88,9 +89,8 @@ def _scoreboard(items: Sequence[Item], summary: Summary, link: bool = False) -> 
         if rows:
             columns = ("item", "", *(str(verdict) for verdict in verdicts), "seconds")
             parts += [f"**{paper.citation}**", _grid(columns, rows)]
-    total = counted(summary.claims)
     words = ", ".join(f"{count} {verdict}" for verdict, count in total.items())
-    legend = "; ".join(f"*{verdict}*: {meaning}" for verdict, meaning in MEANING.items())
+    legend = "; ".join(f"*{verdict}*: {MEANING[verdict]}" for verdict in verdicts)
     return [f"{len(summary.claims)} claims: {words}.", legend + ".", *parts]
 
 
@@ -106,29 +106,19 @@ def _claims(claims: Sequence[Claim]) -> str:
             reported(c.reported),
             ours(c),
             allowed(c.tolerance),
-            f"**{c.verdict}**" if _odd(c) else c.verdict,
+            f"**{c.verdict}**" if not c.agrees else c.verdict,
         )
         for c in claims
     ]
     return _grid(SHOWN, rows)
 
 
-def _odd(claim: Claim) -> bool:
-    return claim.verdict not in (Verdict.REPRODUCED, Verdict.SAMPLING)
-
-
 def _reasons(claims: Iterable[Claim]) -> list[str]:
-    """Why claims differ or cannot be run; a reason that several share is given once."""
-    shared: dict[str, list[Claim]] = {}
-    for claim in claims:
-        if _odd(claim) and claim.because:
-            shared.setdefault(claim.because, []).append(claim)
+    """Why claims differ or cannot be run."""
     lines = []
-    for because, of in shared.items():
-        forecast = "; ".join(dict.fromkeys(reported(c.expected) for c in of if c.expected is not None))
-        predicts = f" It predicts {forecast}." if forecast else ""
-        names = ", ".join(c.name for c in of[:2]) + (f" and {len(of) - 2} more" if len(of) > 2 else "")
-        lines.append(f"{names}: {because}{predicts}")
+    for reason in reasons(claims):
+        predicts = f" *Predicts {reason.predictions}.*" if reason.predictions else ""
+        lines.append(f"{reason.names}: {reason.text}{predicts}")
     return [_bullets(lines)] if lines else []
 
 

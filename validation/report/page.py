@@ -8,7 +8,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from validation.claims import Verdict
-from validation.papers import GROUPS
+from validation.papers import ERRATA, GROUPS
 from validation.report import words
 from validation.results import Drift, Summary
 from validation.runner import Result
@@ -37,12 +37,13 @@ def report_page(
         lstrip_blocks=True,
     )
     environment.globals.update(words=words, classes=CLASSES, verdicts=list(Verdict))
-    odd = [c for c in summary.claims if c.verdict not in (Verdict.REPRODUCED, Verdict.SAMPLING)]
+    odd = words.reasons(c for c in summary.claims if c.paper != ERRATA.key)
     return environment.get_template("report.html.j2").render(
         groups=[(paper, [r for r in results if r.item.paper == paper]) for paper in GROUPS],
         summary=summary,
         total=words.counted(summary.claims),
         odd=odd,
+        failed=[claim for claim in summary.claims if claim.verdict.fails],
         moved=moved,
         pictures={name: Markup(picture) for name, picture in pictures.items()},
     )

@@ -5,11 +5,23 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from validation.claims import Claim, Interval, Reported, Tolerance, Verdict
 from validation.results import Drift
 
-__all__ = ["MEANING", "allowed", "counted", "number", "ours", "reported", "shift"]
+__all__ = [
+    "MEANING",
+    "Reason",
+    "allowed",
+    "counted",
+    "number",
+    "ours",
+    "reasons",
+    "reported",
+    "sentence",
+    "shift",
+]
 
 MEANING = {
     Verdict.REPRODUCED: "equal up to the printed digits, or the statement holds",
@@ -63,6 +75,41 @@ def counted(claims: Iterable[Claim]) -> dict[Verdict, int]:
     """Verdict -> how many, in the order of the verdicts, those that occur."""
     counts = Counter(claim.verdict for claim in claims)
     return {verdict: counts[verdict] for verdict in Verdict if counts[verdict]}
+
+
+class Reason(NamedTuple):
+    """A reason, and the claims that share it."""
+
+    text: str
+    claims: list[Claim]
+
+    @property
+    def names(self) -> str:
+        """The claims by name, the first few of many."""
+        shown = [claim.name for claim in self.claims[:2]]
+        more = len(self.claims) - len(shown)
+        return ", ".join(shown) + (f" and {more} more" if more else "")
+
+    @property
+    def predictions(self) -> str:
+        """What the reason predicts for them, each number once."""
+        return "; ".join(dict.fromkeys(reported(c.expected) for c in self.claims if c.expected is not None))
+
+
+def reasons(claims: Iterable[Claim]) -> list[Reason]:
+    """Why claims differ or cannot be run, in their order; a reason that several share comes once."""
+    shared: dict[str, list[Claim]] = {}
+    for claim in claims:
+        if claim.because and not claim.agrees:
+            shared.setdefault(sentence(claim.because), []).append(claim)
+    return [Reason(text, found) for text, found in shared.items()]
+
+
+def sentence(text: str) -> str:
+    """With a capital and a full stop; a symbol in front stays as it is."""
+    first = text.split(" ", 1)[0]
+    begun = text[0].upper() + text[1:] if first.isalpha() and len(first) > 1 else text
+    return begun if begun.endswith((".", "?", "!")) else f"{begun}."
 
 
 def shift(moved: Drift) -> tuple[str, str]:

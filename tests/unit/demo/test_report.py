@@ -56,7 +56,7 @@ def test_page_and_csv_give_the_same_scores(ran: tuple[str, Path]) -> None:
     page = (folder / "out" / "report.html").read_text(encoding="utf-8")
     with (folder / "out" / "table.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 28  # nine filters in three scenarios, one in one
+    assert len(rows) == 46  # fifteen filters in three scenarios, one in one
     for row in rows:
         assert f"{float(row['rmse_m']):.2f} ± {float(row['standard_error_m']):.2f}" in page
         assert row["runs"] == "2"

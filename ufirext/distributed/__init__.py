@@ -1,0 +1,15 @@
+"""Series that outgrow a processor or a memory: on Dask, on xarray, and from file to file."""
+
+from .files import filter_file
+from .lazy import LazyEstimate, filter_dataarray, filter_series
+from .part import BeyondOverlap, BeyondOverlapWarning, chunk_length
+
+__all__ = [
+    "BeyondOverlap",
+    "BeyondOverlapWarning",
+    "LazyEstimate",
+    "chunk_length",
+    "filter_dataarray",
+    "filter_file",
+    "filter_series",
+]
