@@ -1,4 +1,4 @@
-"""Whole series of constant models on arrays of torch, JAX, CuPy: the kernels of `series` in their namespace."""
+"""Whole series of constant models on arrays of torch, JAX, CuPy: the kernels of `series` on them."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def filtered(plan: SeriesPlan, zs: Any) -> tuple[Any, Any]:
 def _head(plan: SeriesPlan, z: Any, space: Space) -> Any:
     if plan.head is None:
         raise UfirextError(
-            f"the first {plan.horizon - 1} rows of this lag or model are filtered step by step, which {space} "
-            "cannot: give a NumPy array"
+            f"the first {plan.horizon - 1} rows of this lag or model are filtered step by step, not as {space}: "
+            "give a NumPy array"
         )
     return head_states(moved_head(plan.head, _converter(space)), z, space.xp)
 

@@ -79,7 +79,7 @@ def head_states(head: Head, z: Any, xp: Any = np) -> Any:
     rows = head.short[: low * states, : low * inputs]
     short = xp.reshape(xp.matmul(flat, xp.permute_dims(rows, (1, 0))), (*lead, low, states))
     unknown = xp.full_like(short[..., : min(head.first - 1, low), :], float("nan"))
-    parts = [unknown, short[..., head.first - 1 :, :]]
+    parts = [unknown, short[..., min(head.first - 1, low) :, :]]
     parts += [_shared_states(part, z, xp) for part in head.shared if part.low < steps]
     if head.recursion is not None and steps > low:
         parts += _recursive_states(head.recursion, short[..., low - 1, :], z, xp)
