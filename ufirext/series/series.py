@@ -232,7 +232,8 @@ def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         z, present = np.asarray(one.z[0], dtype=float), present_in(request, series)
         filled = replace(one, z=np.where(present, z, 0.0)[None], prior=None)
         _constant(filled, x[series : series + 1], ready[series : series + 1], lambda samples: None)
-        Holes(plan, z, present, request.missing).fill(x[series], ready[series])
+        windows = Holes(plan, z, present, request.missing)
+        windows.fill(x[series], ready[series], windows.broken)
         if request.prior is not None and not ready[series].all():
             _warm_up(one, x[series], ready[series])
         tick(request.steps)

@@ -141,7 +141,8 @@ def _double_block(length: int, inputs: int, outputs: int) -> int:
         near = _cost(B, 2 * B - 1 + rest + rank / inputs, inputs, outputs)
         return near + inputs * rank + 1.3 * max(count, 1) * rank * rank / B
 
-    return min(range(max(2, -(-WIDE // outputs)), length // 3 + 1), key=cost)
+    longest = length // 3
+    return min(range(min(max(2, -(-WIDE // outputs)), longest), longest + 1), key=cost)
 
 
 def _cost(B: int, width: float, inputs: int, outputs: int) -> float:
