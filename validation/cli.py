@@ -64,11 +64,11 @@ def validate(
     before, summary = kept(mode), Summary.of(results, mode)
     moved = drift(before, summary, [item.id for item in items]) if before else []
     pages = write_report(results, summary, moved, out)
-    if keep:
-        write(summary, KEPT / f"{mode}.json")
     console.print(scoreboard(results, moved, since=before.date if before else ""))
     for page in pages:
         console.print(f"Report: {page}", soft_wrap=True, highlight=False)
+    if keep:
+        _keep(summary)
     raise typer.Exit(int(any(result.fails for result in results)))
 
 
@@ -88,6 +88,14 @@ def docs(page: Annotated[Path, typer.Option(help="The page to write.")] = DOCS) 
         raise typer.BadParameter("no results are kept; run with --keep first")
     page.write_text(docs_page(all_items(), found), encoding="utf-8")
     _console().print(f"Wrote {page}", highlight=False)
+
+
+def _keep(summary: Summary) -> None:
+    """Write what later runs are held against: all claims, and none that fails."""
+    lacking = [c.key for c in summary.claims if c.verdict.fails or c.verdict is Verdict.CANNOT_RUN]
+    if lacking:
+        raise typer.BadParameter(f"not kept, for these fail or cannot be run: {', '.join(lacking)}")
+    write(summary, KEPT / f"{summary.mode}.json")
 
 
 def main() -> None:

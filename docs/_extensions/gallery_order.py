@@ -13,6 +13,7 @@ FIRST = (
     "certificate",
     "control_dead_time",
     "fleet_of_tracks",
+    "long_series_on_dask",
 )
 
 

@@ -53,3 +53,11 @@ def test_every_paper_of_the_bibliography_is_cited():
     text = "".join(source.read_text(encoding="utf-8") for source in sources)
     cited = {key for keys in re.findall(r"[{:]cite:\w+[}:]`([^`]+)`", text) for key in keys.split(",")}
     assert cited == PAPERS
+
+
+def test_the_page_on_architecture_names_every_module():
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    table = page[page.index("| modules | concern |") : page.index("## What checks what")]
+    named = set(re.findall(r"`(\w+)`", table))
+    modules = {path.stem for path in (ROOT / "ufirext").iterdir() if path.suffix == ".py" or path.is_dir()}
+    assert {name for name in modules if not name.startswith("_")} - named == set()

@@ -58,6 +58,14 @@ def test_drift_is_shown_against_what_is_kept(only: list[Item], tmp_path: Path) -
     assert "s3-try: b: 1 (reproduced) -> 2 (differs)" in RUN.invoke(cli.app, arguments).output
 
 
+def test_what_fails_is_not_kept(only: list[Item], tmp_path: Path) -> None:
+    only.append(item(lambda study: Outcome([claim("a", 1.0), claim("b", None, because="no tracks")])))
+    found = RUN.invoke(cli.app, ["--out", str(tmp_path), "--jobs", "1", "--keep"], env={"COLUMNS": "200"})
+    assert found.exit_code == 2
+    assert "not kept" in found.output
+    assert not (tmp_path / "kept").exists()
+
+
 def test_the_documentation_is_written_from_what_is_kept(only: list[Item], tmp_path: Path) -> None:
     only.append(item(good))
     page = tmp_path / "validation.md"
@@ -89,6 +97,14 @@ def test_items_are_listed_and_explained() -> None:
     assert all(found.id in listed for found in all_items())
     explained = RUN.invoke(cli.app, ["explain", "s3-table-2"]).output
     assert "not documented by the author" in " ".join(explained.split())
+
+
+def test_two_processes_find_what_one_finds(tmp_path: Path) -> None:
+    for jobs in ("1", "2"):
+        RUN.invoke(cli.app, ["--only", "s3-fig-3", "--out", str(tmp_path / jobs), "--jobs", jobs])
+    one, two = (read(tmp_path / jobs / "results.json").claims for jobs in ("1", "2"))
+    assert one == two
+    assert len(one) > 3
 
 
 def test_a_figure_of_a_paper_from_end_to_end(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from validation.figures import INK, new_figure
 from validation.item import Outcome
 from validation.report import write_report
 from validation.report.markdown import docs_page, item_text
-from validation.report.words import allowed, number, ours, reported
+from validation.report.words import allowed, number, ours, reported, unavailable
 from validation.results import Drift, Summary
 from validation.runner import Result, run_item
 from validation.study import Study
@@ -134,6 +134,11 @@ def test_numbers_in_words() -> None:
     assert reported(AtMost(1.0)) == "≤ 1"
     assert reported(AtMost(1.0, "better")) == "better"
     assert reported(None) == "–"
+
+
+def test_what_cannot_be_run_here_is_said_once_for_each_reason() -> None:
+    claims = [claim(name, None, because="no tracks") for name in "abc"] + [claim("d", 1.0)]
+    assert unavailable(claims) == ["3 claims cannot be run here. No tracks."]
 
 
 def test_tolerances_in_words() -> None:

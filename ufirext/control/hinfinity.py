@@ -16,7 +16,7 @@ from ..recursions.hinfinity import ThetaTooLarge, largest_theta, robust_gain, we
 from .design import checked_form, require_no_loop
 from .labels import Names, labels
 from .plant import Indices, covariance_matrix, read_plant
-from .recursive import Corrected, RecursiveEstimator, recursion, with_age
+from .recursive import Corrected, RecursiveEstimator, checked_recursion, with_age
 
 __all__ = ["create_hinfinity_iosystem"]
 
@@ -126,7 +126,7 @@ def create_hinfinity_iosystem(
     tilting = _Tilting(weight, _checked_theta(theta), _checked_fraction(fraction), bounded)
     named = labels(plant, estimate_labels, measurement_labels, control_labels, inputs, outputs)
     return RecursiveEstimator(
-        recursion(plant, QN, RN, P0, tilting, delay=delay, stamped=stamped),
+        checked_recursion(plant, QN, RN, P0, tilting, delay=delay, stamped=stamped),
         shape,
         with_age(named, inputs, delay_label, stamped),
         covariance_labels,

@@ -13,7 +13,7 @@ from ..recursions.kalman import update
 from .design import checked_form, require_no_loop
 from .labels import Names, labels
 from .plant import Indices, read_plant
-from .recursive import Corrected, RecursiveEstimator, recursion, with_age
+from .recursive import Corrected, RecursiveEstimator, checked_recursion, with_age
 
 __all__ = ["create_delay_kalman_iosystem"]
 
@@ -111,7 +111,7 @@ def create_delay_kalman_iosystem(
     require_no_loop(plant, shape, feedthrough)
     named = labels(plant, estimate_labels, measurement_labels, control_labels, inputs, outputs)
     return RecursiveEstimator(
-        recursion(plant, QN, RN, P0, _corrected, delay=delay, stamped=stamped),
+        checked_recursion(plant, QN, RN, P0, _corrected, delay=delay, stamped=stamped),
         shape,
         with_age(named, inputs, delay_label, stamped),
         covariance_labels,

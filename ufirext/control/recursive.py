@@ -16,7 +16,7 @@ from ..recursions.augmented import Lifted, lift, predict_lifted
 from .labels import Labels, Names, signal_names
 from .plant import Plant, covariance_matrix
 
-__all__ = ["Corrected", "Correction", "Recursion", "RecursiveEstimator", "recursion", "with_age"]
+__all__ = ["Corrected", "Correction", "Recursion", "RecursiveEstimator", "checked_recursion", "with_age"]
 
 
 class Corrected(NamedTuple):
@@ -193,7 +193,7 @@ class RecursiveEstimator(ct.NonlinearIOSystem):  # type: ignore[misc]
         return self._recursion.corrected(t, x, u, bool(params.get("correct", True))).x[:n]
 
 
-def recursion(
+def checked_recursion(
     plant: Plant,
     QN: ArrayLike,
     RN: ArrayLike,

@@ -30,6 +30,15 @@ class LazyEstimate:
     aligned : bool
         Whether all parts begin and end where a part of the whole series' plan does: series without holes
         then have the bits of `ufirext.filter_series`, else its numbers to 1e-12.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ufirext import kinematic
+    >>> from ufirext.distributed import filter_series
+    >>> estimate = filter_series(kinematic(1, 1, 1.0), np.arange(5000.0), horizon=20, lag=3, chunks=1000)
+    >>> type(estimate).__name__, estimate.overlap, estimate.x.numblocks
+    ('LazyEstimate', 22, (5, 1))
     """
 
     x: Any
@@ -64,8 +73,9 @@ def filter_series(
         As in `ufirext.filter_series`; missing="predict" remembers everything and is refused.
     zs : dask.array.Array or array_like, (T, dim_z) or (S, T, dim_z)
         Measurements; (T,) where dim_z is 1. A memory-mapped array is read part by part.
-    us, delays : dask.array.Array or array_like, optional
-        Of the shape of zs but for the last axis, as in `ufirext.filter_series`.
+    us : dask.array.Array or array_like, (T, dim_u) or (S, T, dim_u), optional
+    delays : dask.array.Array or array_like of int, (T,) or (S, T), optional
+        As in `ufirext.filter_series`.
     longest_delay : int, optional
         The largest of the delays; needed where these are a Dask array.
     chunks : int, optional
@@ -248,6 +258,13 @@ def filter_dataarray(
     -------
     xarray.DataArray
         The other dimensions, then `time` and `state`; NaN where a row is not ready.
+
+    Raises
+    ------
+    ImportError
+        Without xarray.
+    UfirextError, ShapeError
+        If zs is no DataArray, or lacks a dimension that is named.
 
     Examples
     --------

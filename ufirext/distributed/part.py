@@ -32,11 +32,41 @@ BEYOND = ("raise", "warn")
 
 
 class BeyondOverlap(UfirextError):
-    """Rows are missing, and estimates of a part depend on rows before its overlap."""
+    """Rows are missing, and estimates of a part depend on rows before its overlap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ufirext import kinematic
+    >>> from ufirext.distributed import BeyondOverlap, filter_series
+    >>> zs = np.arange(4000.0)
+    >>> zs[1990:2020] = np.nan
+    >>> try:
+    ...     filter_series(kinematic(1, 1, 1.0), zs, 10, chunks=2000).x.compute()
+    ... except BeyondOverlap as error:
+    ...     print("overlap=" in str(error))
+    True
+    """
 
 
 class BeyondOverlapWarning(UserWarning):
-    """Estimates of a part may differ from those of the whole series: rows are missing before them."""
+    """Estimates of a part may differ from those of the whole series: rows are missing before them.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import numpy as np
+    >>> from ufirext import kinematic
+    >>> from ufirext.distributed import BeyondOverlapWarning, filter_series
+    >>> zs = np.arange(4000.0)
+    >>> zs[1990:2020] = np.nan
+    >>> lazy = filter_series(kinematic(1, 1, 1.0), zs, 10, chunks=2000, beyond="warn")
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always", BeyondOverlapWarning)
+    ...     x = lazy.x.compute(scheduler="synchronous")
+    >>> BeyondOverlapWarning in {warning.category for warning in caught}
+    True
+    """
 
 
 @dataclass(frozen=True)
@@ -195,6 +225,11 @@ def chunk_length(model: Model, horizon: int | str, *, lag: int = 0, overlap: int
     Returns
     -------
     int
+
+    Raises
+    ------
+    HorizonError, UnobservableWindow
+        As `ufir_gain`; HorizonError also for an overlap that is no natural number.
 
     Examples
     --------

@@ -75,11 +75,11 @@ def head_states(head: Head, z: Any, xp: Any = np) -> Any:
     steps, lead = z.shape[-2], z.shape[:-2]
     low = min(head.low, steps)
     states, inputs = head.short.shape[0] // head.low, head.short.shape[1] // head.low
-    flat = z[..., :low, :].reshape((*lead, 1, low * inputs))
+    flat = xp.reshape(z[..., :low, :], (*lead, 1, low * inputs))
     rows = head.short[: low * states, : low * inputs]
-    short = xp.matmul(flat, xp.permute_dims(rows, (1, 0))).reshape((*lead, low, states))
+    short = xp.reshape(xp.matmul(flat, xp.permute_dims(rows, (1, 0))), (*lead, low, states))
     unknown = xp.full_like(short[..., : min(head.first - 1, low), :], float("nan"))
-    parts = [unknown, short[..., head.first - 1 :, :]]
+    parts = [unknown, short[..., min(head.first - 1, low) :, :]]
     parts += [_shared_states(part, z, xp) for part in head.shared if part.low < steps]
     if head.recursion is not None and steps > low:
         parts += _recursive_states(head.recursion, short[..., low - 1, :], z, xp)
@@ -88,7 +88,7 @@ def head_states(head: Head, z: Any, xp: Any = np) -> Any:
 
 def _shared_states(part: Shared, z: Any, xp: Any) -> Any:
     stop = min(part.high, z.shape[-2])
-    basis, W = part.basis[:stop], part.W[: stop - part.low]
+    basis, W = part.basis[:stop, ...], part.W[: stop - part.low, ...]
     own = z[..., :stop, :1] * basis[:, 0, :]
     for m in range(1, basis.shape[1]):
         own = own + z[..., :stop, m : m + 1] * basis[:, m, :]
@@ -105,7 +105,7 @@ def _recursive_states(part: Recursion, x: Any, z: Any, xp: Any) -> list[Any]:
     for step in range(part.low, z.shape[-2]):
         x = xp.matmul(x[..., None, :], turned)
         innovation = z[..., step : step + 1, :] - xp.matmul(x, seen)
-        x = x + xp.matmul(innovation, xp.permute_dims(part.gains[step - part.low], (1, 0)))
+        x = x + xp.matmul(innovation, xp.permute_dims(part.gains[step - part.low, ...], (1, 0)))
         parts.append(x)
         x = x[..., 0, :]
     return parts

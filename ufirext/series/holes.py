@@ -9,7 +9,6 @@ that does not hold, or which must reach further back, are solved one by one.
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +23,9 @@ from .growth import Basis, basis_of
 from .plan import SeriesPlan
 from .request import Request
 from .toeplitz import Convolution, convolution, convolve
+from .windows import Mask, Windows
 
 __all__ = ["HolePlan", "Holes", "hole_plan", "present_in"]
-
-Mask = NDArray[np.bool_]
 
 # Square of a pivot lost digits: windows with a smaller one are solved by orthogonal transformations.
 WEAK_PIVOT = 0.03
@@ -48,7 +46,6 @@ class HolePlan:
         self.plan, model = plan, plan.model
         index = observability_index(model) or 1
         self.limits = Limits(plan.horizon, index + 2, extends, True)
-        self.wanted = min(plan.horizon, index + 2) if extends else 0
         self._gains: dict[bytes, Array | None] = {}
 
     @cached_property
@@ -70,24 +67,26 @@ class HolePlan:
     @cached_property
     def eta(self) -> Convolution:
         """From measurements to eta."""
-        basis = self._known(self.basis)
-        return convolution(basis.raw)
+        return convolution(self.known_basis.raw)
 
     @cached_property
     def Lam(self) -> Convolution:
         """From the mask of components to the upper triangle of Lam."""
-        return convolution(_squares(self._known(self.basis)))
+        return convolution(_squares(self.known_basis))
 
-    def aim(self, basis: Basis) -> Array:
-        """From coefficients in a basis to the state that is wanted, `lag` before the basis' newest row."""
-        model, length = self.plan.model, len(basis.white)
-        return np.asarray(np.linalg.matrix_power(model.F, length - 1 - self.plan.lag) @ basis.back)
+    @cached_property
+    def aim(self) -> Array:
+        """From coefficients in the basis to the state that is wanted."""
+        plan = self.plan
+        moved = np.linalg.matrix_power(plan.model.F, plan.horizon - 1 - plan.lag)
+        return np.asarray(moved @ self.known_basis.back)
 
-    @staticmethod
-    def _known(basis: Basis | None) -> Basis:
-        if basis is None:
+    @property
+    def known_basis(self) -> Basis:
+        """The basis, for those who asked `holds` before."""
+        if self.basis is None:
             raise RuntimeError("this window has no basis")
-        return basis
+        return self.basis
 
     def gain(self, present: Mask) -> Array | None:
         """Gain on the components present, flat, of a window (span, dim_z) up to now; None: not determined."""
@@ -123,132 +122,71 @@ def _gain(model: Model, present: Mask, lag: int) -> Array | None:
     return least_squares(window) if window.determined() else None
 
 
-class Holes:
-    """One series of a constant model with holes: which windows need what."""
+class Holes(Windows):
+    """One series of a constant model with holes; z is (T, dim_z)."""
 
     def __init__(self, plan: HolePlan, z: Array, present: Mask, missing: str) -> None:
+        super().__init__(np.asarray(present.any(axis=1)), plan.limits, plan.plan.lag, missing == "extend")
         self.plan, self.z, self.present = plan, np.where(present, z, 0.0), present
-        self.came: Mask = np.asarray(present.any(axis=1))
-        horizon, steps = plan.plan.horizon, len(z)
-        self.total = np.concatenate([[0], np.cumsum(self.came)])
-        starts = np.maximum(np.arange(steps) - horizon + 1, 0)
-        self.inside = self.total[1:] - self.total[starts]
-        # Coasting is a prediction from the last estimate; lagged states are always asked of the window.
-        self.coasts = missing == "extend" and not plan.plan.lag
-        self.solved = self.came if self.coasts else np.ones(steps, dtype=np.bool_)
-        reached = np.maximum(np.arange(steps) - plan.limits.reach + 1, 0)
-        older = self.total[starts] - self.total[reached] > 0
-        self.short = plan.limits.extends & (self.inside < plan.wanted) & older
         # Rows of H that see nothing are no holes.
-        lost = np.concatenate([[0], np.cumsum((present != plan.plan.model.H.any(axis=1)).any(axis=1))])
-        self.broken = lost[1:] > lost[starts]
+        lost = (present != plan.plan.model.H.any(axis=1)).any(axis=1)
+        count = np.concatenate([[0], np.cumsum(lost)])
+        self.broken: Mask = count[1:] > count[self.starts]
 
-    def fill(self, x: Array, ready: Mask) -> None:
-        """Estimates of windows with holes into x (T, dim_x), which has those of the others; `ready` too."""
-        plan = self.plan
-        wanted = self.solved & self.broken
-        sound = np.zeros_like(wanted)
-        begin = plan.plan.horizon - 1
+    def together(self, wanted: Mask, x: Array) -> Mask:
+        """By normal equations in bases."""
+        begin, sound = self.limits.horizon - 1, np.zeros_like(wanted)
         for start in range(0, len(x), PIECE):
-            stop = min(start + PIECE, len(x))
-            if wanted[max(start, begin) : stop].any():
-                self._full(max(start, begin), stop, x, sound, wanted & ~self.short)
-        self._growing(min(begin, len(x)), x, sound, wanted & ~self.short)
-        for step in np.flatnonzero(wanted & ~sound).tolist():
-            found = self._alone(step)
-            sound[step] = found is not None
-            x[step] = np.nan if found is None else found
-        ready[wanted] = sound[wanted]
-        late = np.arange(len(x)) < plan.plan.lag
-        ready[late] = False
-        x[late] = np.nan
-        if self.coasts:
-            self._coast(x, ready)
+            first, stop = max(start, begin), min(start + PIECE, len(x))
+            if wanted[first:stop].any():
+                self._full(first, stop, x, sound, wanted)
+        self._growing(min(begin, len(x)), x, sound, wanted)
+        return sound
+
+    def alone(self, step: int, begin: int) -> Array | None:
+        """By orthogonal transformations, the gains of recurring patterns remembered."""
+        window = slice(begin, step + 1)
+        gain = self.plan.gain(self.present[window])
+        return None if gain is None else np.asarray(gain @ self.z[window][self.present[window]])
+
+    def moved(self, x: Array, steps: NDArray[np.int64]) -> Array:
+        """A step of the constant model."""
+        return x @ self.plan.plan.model.F.T
 
     def _full(self, start: int, stop: int, x: Array, sound: Mask, wanted: Mask) -> None:
         """Windows of the whole length that end in start .. stop - 1."""
-        plan = self.plan
-        basis = plan._known(plan.basis)
-        first = start - plan.plan.horizon + 1
-        eta = _slice(plan.eta, self.z[first:stop])
-        Lam = _slice(plan.Lam, self.present[first:stop].astype(float))
-        self._store(basis, eta.T, Lam.T, start, stop, x, sound, wanted)
+        first = start - self.limits.horizon + 1
+        eta = _slice(self.plan.eta, self.z[first:stop])
+        Lam = _slice(self.plan.Lam, self.present[first:stop].astype(float))
+        solution, fine = _solved(eta, Lam)
+        chosen = fine & wanted[start:stop]
+        x[start:stop][chosen] = (self.plan.aim @ solution[:, chosen]).T
+        sound[start:stop] |= chosen
 
     def _growing(self, stop: int, x: Array, sound: Mask, wanted: Mask) -> None:
         """Windows that begin with the series, by cumulative sums in bases of doubling length."""
-        low, length = 0, FIRST_BASIS
+        model, low, length = self.plan.plan.model, 0, FIRST_BASIS
         while low < stop:
             high = min(length, stop)
-            basis = basis_of(self.plan.plan.model, length) if wanted[low:high].any() else None
+            basis = basis_of(model, length) if wanted[low:high].any() else None
             if basis is not None:
                 eta = np.einsum("im,imr->ir", self.z[:high], basis.raw[:high]).cumsum(axis=0)
                 Lam = np.einsum("im,imr->ir", self.present[:high], _squares(basis)[:high]).cumsum(axis=0)
-                # The basis ends with its own newest row, the windows each with theirs: only T differs.
-                self._store(basis, eta[low:].T, Lam[low:].T, low, high, x, sound, wanted, moving=True)
+                solution, fine = _solved(eta[low:], Lam[low:])
+                steps = low + np.flatnonzero(fine & wanted[low:high])
+                oldest = basis.back @ solution[:, steps - low]
+                x[steps] = _transported(model.F, oldest, steps - self.lag)
+                sound[steps] = True
             low, length = high, 2 * length
 
-    def _store(
-        self,
-        basis: Basis,
-        eta: Array,
-        Lam: Array,
-        start: int,
-        stop: int,
-        x: Array,
-        sound: Mask,
-        wanted: Mask,
-        moving: bool = False,
-    ) -> None:
-        n = len(eta)
-        whole = np.empty((n, n, stop - start))
-        rows, columns = np.triu_indices(n)
-        whole[rows, columns] = whole[columns, rows] = Lam
-        solution, fine = positive_solution(whole, eta, WEAK_PIVOT, np.ones_like(eta))
-        chosen = fine & wanted[start:stop]
-        steps = start + np.flatnonzero(chosen)
-        if moving:
-            lag = self.plan.plan.lag
-            steps = steps[steps >= lag]
-            coefficients = basis.back @ solution[:, steps - start]
-            x[steps] = _transported(self.plan.plan.model.F, coefficients, steps - lag)
-        else:
-            x[steps] = (self.plan.aim(basis) @ solution[:, chosen]).T
-        sound[steps] = True
 
-    def _alone(self, step: int) -> Array | None:
-        """One window, as far back as it must reach; None where the rows do not determine the state."""
-        limits = self.plan.limits
-        floor = max(step - limits.reach + 1, 0)
-        begin = max(step - limits.horizon + 1, 0)
-        while True:
-            older = np.flatnonzero(self.came[floor:begin])
-            if self.total[step + 1] - self.total[begin] >= self.plan.wanted or not len(older):
-                window = slice(begin, step + 1)
-                gain = self.plan.gain(self.present[window])
-                if gain is not None:
-                    return np.asarray(gain @ self.z[window][self.present[window]])
-                if not len(older) or not limits.extends:
-                    return None
-            begin = floor + int(older[-1])
-
-    def _coast(self, x: Array, ready: Mask) -> None:
-        """Steps without a measurement are predictions, as long as the window reaches enough rows."""
-        F, steps = self.plan.plan.model.F, np.arange(len(x))
-        last: NDArray[np.int64] = np.maximum.accumulate(np.where(self.came, steps, -1))
-        unborn = np.flatnonzero(np.less(last, 0))
-        x[unborn], ready[unborn] = np.nan, False
-        gap = np.where(last < 0, 0, steps - last)
-        certain = self.plan.limits.reach - self.plan.limits.horizon
-        order = np.argsort(gap, kind="stable")
-        bounds = np.searchsorted(gap[order], np.arange(1, int(gap.max(initial=0)) + 2))
-        for length, (low, high) in enumerate(pairwise(bounds.tolist()), 1):
-            here = order[low:high]
-            x[here] = x[here - 1] @ F.T
-            ready[here] = ready[here - 1]
-            if length >= certain:
-                for step in here[ready[here]].tolist():
-                    ready[step] = self._alone(step) is not None
-        x[~ready] = np.nan
+def _solved(eta: Array, Lam: Array) -> tuple[Array, Mask]:
+    """Coefficients (n, count) from eta (count, n) and upper triangles (count, n (n + 1) / 2)."""
+    count, n = eta.shape
+    whole = np.empty((n, n, count))
+    rows, columns = np.triu_indices(n)
+    whole[rows, columns] = whole[columns, rows] = Lam.T
+    return positive_solution(whole, eta.T, WEAK_PIVOT, np.ones((n, count)))
 
 
 def _slice(op: Convolution, z: Array) -> Array:

@@ -12,6 +12,7 @@ from ..gains import Gain, horizon_count, ufir_gain
 from ..minimum_variance import minimum_variance_gain
 from ..model import Model
 from .growth import Head, head_of, head_states
+from .inputs import input_gain, trajectory
 from .toeplitz import Convolution, convolution, convolve
 
 __all__ = ["SeriesPlan", "model_with", "series_plan"]
@@ -66,17 +67,34 @@ class SeriesPlan:
         return convolution(np.ascontiguousarray(self.gain.K.reshape(n, -1, m).transpose(1, 2, 0)))
 
     @cached_property
+    def with_inputs(self) -> Convolution:
+        """The same for measurements and known inputs side by side, (T, dim_z + dim_u)."""
+        n, model = self.model.dim_x, self.model
+        taps = np.zeros((self.horizon, model.dim_z + model.dim_u, n))
+        taps[:, : model.dim_z] = self.gain.K.reshape(n, -1, model.dim_z).transpose(1, 2, 0)
+        # The input of a step leads to its state: that of the window's oldest step is outside.
+        L = input_gain(model, self.gain, self.unbiased)
+        taps[1:, model.dim_z :] = L.reshape(n, self.horizon - 1, model.dim_u).transpose(1, 2, 0)
+        return convolution(taps)
+
+    @cached_property
     def head(self) -> Head | None:
         """The windows that are not full yet; None where only a filter that goes step by step has them."""
         if self.horizon == 1:
             return None
         return head_of(self.model, self.horizon - 1, self.lag, self.unbiased)
 
-    def head_states(self, z: Array) -> Array:
+    def head_states(self, z: Array, us: Array | None = None) -> Array:
         """Estimates of the first steps (.., T, dim_x), T < horizon; NaN where there is none."""
         if self.head is None:
             raise RuntimeError("this plan has no head")
-        return np.asarray(head_states(self.head, z))
+        if us is None:
+            return np.asarray(head_states(self.head, z))
+        # x = x_u + x_f: a trajectory that the inputs alone lead along, and what the rest of z says.
+        path = trajectory(self.model, us)
+        states: Array = np.asarray(head_states(self.head, z - path @ self.model.H.T))
+        states[..., self.lag :, :] += path[..., : path.shape[-2] - self.lag, :]
+        return states
 
     @property
     def first(self) -> int:

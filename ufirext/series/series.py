@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, integer
 from ..errors import UfirextError
 from ..filters._window_state import MISSING, WINDOWS
-from ..gains import require_determined
 from ..model import Model
-from ..window import model_window
 from . import arguments
 from .constant import Tick, convolved, head_covariances
 from .estimate import SeriesEstimate
@@ -116,7 +114,7 @@ def filter_series(
     series, many = arguments.as_series(zs, model.dim_z)
     given = {"F": Fs, "Q": Qs, "H": Hs, "R": Rs}
     changing = PerStep(**arguments.as_per_step(given, model, series.shape[1]))
-    horizon, lag = _window(model, horizon, lag, changing)
+    horizon, lag = _window(model, horizon, lag)
     shape = series.shape[:2]
     request = Request(
         model=model_with(model, noise),
@@ -141,19 +139,18 @@ def filter_series(
     return SeriesEstimate(x, ready if many else ready[0], horizon, lag, covariances)
 
 
-def _window(model: Model, horizon: int | str, lag: int, changing: PerStep) -> tuple[int, int]:
-    """Horizon and lag, checked; a constant model must determine its states within full windows."""
+def _window(model: Model, horizon: int | str, lag: int) -> tuple[int, int]:
+    """Horizon and lag, checked."""
     chosen = chosen_horizon(model, horizon)
-    lag = integer(lag, "lag", 0, chosen - 1, "the window holds horizon states, up to the newest one")
-    if changing.F is None and changing.H is None:
-        require_determined(model_window(model, chosen, lag), model, chosen)
-    return chosen, lag
+    return chosen, integer(lag, "lag", 0, chosen - 1, "the window holds horizon states, up to the newest one")
 
 
 def _require_possible(request: Request, window: str) -> None:
     """Refuse combinations that no filter of the library has."""
     arguments.one_of(window, WINDOWS, "window")
     arguments.one_of(request.missing, MISSING, "missing")
+    if request.per_step.F is None and request.per_step.H is None:
+        _plan(request)  # raises where full windows of the constant model do not determine the state
     if request.prior is not None and request.lag:
         raise UfirextError(
             f"a prior needs lag=0, because the warm-up has no lagged states, got lag={request.lag}"
@@ -175,18 +172,18 @@ def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
     """What each series needs: CONSTANT, HOLES or STEPWISE."""
     kinds: NDArray[np.int8] = np.full(request.count, CONSTANT, dtype=np.int8)
     broken = arguments.holes(request.z)
-    simple = request.per_step.empty and request.delays is None and request.us is None
+    simple = request.per_step.empty and request.delays is None
     if engine == "toeplitz" and (broken.any() or not simple):
         raise UfirextError(
-            'engine="toeplitz" needs a constant model and series without holes, delays and inputs; '
-            'use engine="auto"'
+            'engine="toeplitz" needs a constant model and series without holes and delays; use engine="auto"'
         )
     if engine == "stepwise" or not simple:
         kinds[:] = STEPWISE
     elif broken.any():
         plan = hole_plan(_plan(request), request.missing != "skip")
         for series in np.flatnonzero(broken).tolist():
-            held = request.missing != "predict" and plan.holds(present_in(request, series))
+            held = request.us is None and request.missing != "predict"
+            held = held and plan.holds(present_in(request, series))
             kinds[series] = HOLES if held else STEPWISE
     return kinds
 
@@ -209,15 +206,19 @@ def _by_steps(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
 
 def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
     """A constant model and series without holes."""
-    plan = _plan(request)
-    convolved(plan.convolution, request.z, x, plan.alignment, tick)
+    plan, z, us = _plan(request), request.z, request.us
+    if us is None:
+        convolved(plan.convolution, z, x, plan.alignment, tick)
+    else:
+        convolved(plan.with_inputs, np.concatenate([z, us], axis=2), x, plan.alignment, tick)
     begin = min(plan.horizon - 1, request.steps)
     if begin and plan.head is None:
         stepwise(request, x, ready, stop=begin)
         ready[:, begin:] = True
         return
     if begin:
-        x[:, :begin] = plan.head_states(np.asarray(request.z[:, :begin], dtype=float))
+        first = np.asarray(z[:, :begin], dtype=float)
+        x[:, :begin] = plan.head_states(first, None if us is None else us[:, :begin])
     ready[:, plan.first - 1 :] = True
     if request.prior is not None and plan.first > 1:
         stepwise(request, x, ready, stop=plan.first - 1)
@@ -231,7 +232,8 @@ def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         z, present = np.asarray(one.z[0], dtype=float), present_in(request, series)
         filled = replace(one, z=np.where(present, z, 0.0)[None], prior=None)
         _constant(filled, x[series : series + 1], ready[series : series + 1], lambda samples: None)
-        Holes(plan, z, present, request.missing).fill(x[series], ready[series])
+        windows = Holes(plan, z, present, request.missing)
+        windows.fill(x[series], ready[series], windows.broken)
         if request.prior is not None and not ready[series].all():
             _warm_up(one, x[series], ready[series])
         tick(request.steps)

@@ -25,7 +25,7 @@ NOISE = 4e-15
 # Two levels must reproduce the taps to this fraction of the largest tap's row norm.
 FAITHFUL = 4e-15
 # Shortest convolution for which two levels can pay.
-TWO_LEVELS_FROM = 50
+TWO_LEVELS_FROM = 24
 # Shifts of the taps from which a basis of all of them is taken.
 SHIFTS = 6
 # Moving a number costs as much as this many multiplications; a row of a product that is a block short.
@@ -88,22 +88,22 @@ def convolve(op: Convolution, z: Any, xp: Any = np, out: Any = None) -> Any:
     `xp` is the array namespace of z and of the matrices; `out`, for NumPy alone, takes the result.
     """
     count = (z.shape[-2] - op.history) // op.block
-    parts = [_blocks(op, z, offset, count)[..., : width * op.inputs] for offset, width in op.near]
+    parts = [_blocks(op, z, offset, count, xp)[..., : width * op.inputs] for offset, width in op.near]
     for far in op.far:
-        moments = xp.matmul(_blocks(op, z, far.offset, count + far.blocks - 1), far.local)
+        moments = xp.matmul(_blocks(op, z, far.offset, count + far.blocks - 1, xp), far.local)
         parts.append(_padded(far.inner, moments, count, xp))
     stacked = parts[0] if len(parts) == 1 else xp.concat(parts, axis=-1)
     if out is None:
         y = xp.matmul(stacked, op.E)
-        return y.reshape((*z.shape[:-2], count * op.block, op.outputs))
+        return xp.reshape(y, (*z.shape[:-2], count * op.block, op.outputs))
     xp.matmul(stacked, op.E, out=out.reshape((*z.shape[:-2], count, op.block * op.outputs)))
     return out
 
 
-def _blocks(op: Convolution, z: Any, offset: int, count: int) -> Any:
+def _blocks(op: Convolution, z: Any, offset: int, count: int, xp: Any) -> Any:
     """`count` consecutive blocks of samples from `offset` on, as rows."""
     rows = z[..., offset : offset + count * op.block, :]
-    return rows.reshape((*z.shape[:-2], count, op.block * op.inputs))
+    return xp.reshape(rows, (*z.shape[:-2], count, op.block * op.inputs))
 
 
 def _padded(op: Convolution, z: Any, wanted: int, xp: Any) -> Any:
@@ -141,7 +141,8 @@ def _double_block(length: int, inputs: int, outputs: int) -> int:
         near = _cost(B, 2 * B - 1 + rest + rank / inputs, inputs, outputs)
         return near + inputs * rank + 1.3 * max(count, 1) * rank * rank / B
 
-    return min(range(max(2, -(-WIDE // outputs)), length // 2 + 1), key=cost)
+    longest = length // 3
+    return min(range(min(max(2, -(-WIDE // outputs)), longest), longest + 1), key=cost)
 
 
 def _cost(B: int, width: float, inputs: int, outputs: int) -> float:

@@ -7,7 +7,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from validation.claims import Claim
 from validation.item import Item, Table
 from validation.papers import GROUPS
-from validation.report.words import MEANING, allowed, counted, number, ours, reasons, reported, shift
+from validation.report.words import (
+    MEANING,
+    allowed,
+    counted,
+    number,
+    ours,
+    reasons,
+    reported,
+    shift,
+    unavailable,
+)
 from validation.results import Drift, Summary
 from validation.runner import Result
 
@@ -91,7 +101,8 @@ def _scoreboard(items: Sequence[Item], summary: Summary, link: bool = False) -> 
             parts += [f"**{paper.citation}**", _grid(columns, rows)]
     words = ", ".join(f"{count} {verdict}" for verdict, count in total.items())
     legend = "; ".join(f"*{verdict}*: {MEANING[verdict]}" for verdict in verdicts)
-    return [f"{len(summary.claims)} claims: {words}.", legend + ".", *parts]
+    head = f"{len(summary.claims)} claims: {words}."
+    return [head, *unavailable(summary.claims), legend + ".", *parts]
 
 
 def _drift(moved: Sequence[Drift]) -> list[str]:

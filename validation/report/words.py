@@ -21,6 +21,7 @@ __all__ = [
     "reported",
     "sentence",
     "shift",
+    "unavailable",
 ]
 
 MEANING = {
@@ -103,6 +104,12 @@ def reasons(claims: Iterable[Claim]) -> list[Reason]:
         if claim.because and not claim.agrees:
             shared.setdefault(sentence(claim.because), []).append(claim)
     return [Reason(text, found) for text, found in shared.items()]
+
+
+def unavailable(claims: Iterable[Claim]) -> list[str]:
+    """What could not be run here, and because of what, one line for each reason."""
+    missing = reasons(claim for claim in claims if claim.verdict is Verdict.CANNOT_RUN)
+    return [f"{len(r.claims)} claims cannot be run here. {r.text}" for r in missing]
 
 
 def sentence(text: str) -> str:

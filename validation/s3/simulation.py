@@ -15,10 +15,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ufirext import DelayKalmanFilter, FMSFilterSmoother
+from ufirext import DelayKalmanFilter, FMSFilterSmoother, filter_series
 from validation.s3.tracking import RUNS, STEPS, A, C, D, G, M, Q, R, gain, model
 
-__all__ = ["ESTIMATORS", "SHAPES", "Errors", "Shape", "errors", "estimates", "simulate", "streamed"]
+__all__ = [
+    "ESTIMATORS",
+    "SHAPES",
+    "Errors",
+    "Shape",
+    "at_once",
+    "errors",
+    "estimates",
+    "simulate",
+    "streamed",
+]
 
 Array = NDArray[np.float64]
 
@@ -141,6 +151,17 @@ def streamed(z: Array) -> dict[str, Array]:
             found["Kalman filter"][i] = np.reshape(kalman.x_prior, (3, 1))
         for f in (fms, kalman):
             f.update(measured)
+    return found
+
+
+def at_once(z: Array) -> dict[str, Array]:
+    """The same for filter and smoother from `filter_series`: the whole of z (STEPS,) in one call."""
+    target = model()
+    noise = (target.Q, target.R)
+    found = {name: np.full((len(z), 3, 1), np.nan) for name in ESTIMATORS[:2]}
+    now = filter_series(target, z, M, noise=noise).x
+    found["FMS filter"][M:, :, 0] = now[M - 1 : -1] @ A.T
+    found["FMS smoother"][M:, :, 0] = filter_series(target, z, M, lag=D - 1, noise=noise).x[M - 1 : -1]
     return found
 
 
