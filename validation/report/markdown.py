@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 
 from validation.claims import Claim
 from validation.item import Item, Table
@@ -53,10 +54,8 @@ def docs_page(items: Sequence[Item], summaries: Sequence[Summary]) -> str:
     best = summaries[0]
     parts = [
         "# Validation",
-        "`python -m validation` reproduces every table and figure of the four papers and holds each "
-        "statement against a number: few runs with `--quick`, more runs and smaller standard errors with "
-        "`--full`. It writes a report with pictures to `out/validation`. This page is written by "
-        "`python -m validation docs` from the results that are kept in `validation/results`.",
+        files("validation.report").joinpath("templates/docs_intro.md").read_text(encoding="utf-8").strip(),
+        "## What came out",
         *_scoreboard(items, best, link=True),
         provenance(best),
     ]
