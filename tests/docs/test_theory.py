@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import builtins
+import importlib
 import re
 from pathlib import Path
 
@@ -61,3 +63,18 @@ def test_the_page_on_architecture_names_every_module():
     named = set(re.findall(r"`(\w+)`", table))
     modules = {path.stem for path in (ROOT / "ufirext").iterdir() if path.suffix == ".py" or path.is_dir()}
     assert {name for name in modules if not name.startswith("_")} - named == set()
+
+
+@pytest.mark.parametrize(
+    "inventory", sorted((DOCS / "inventories").glob("*.txt")), ids=lambda path: path.stem
+)
+def test_names_of_other_libraries_that_pages_may_link_to_exist(inventory):
+    head, *lines = inventory.read_text(encoding="utf-8").splitlines()
+    assert head == "# Sphinx inventory version 1"
+    for name, _kind, page in (line.split() for line in lines if not line.startswith("#")):
+        assert page.endswith(".html")
+        module, _, attribute = name.rpartition(".")
+        if inventory.stem == "python" and not module:
+            assert hasattr(builtins, name) or importlib.import_module(name)
+        else:
+            assert hasattr(importlib.import_module(module), attribute), name
