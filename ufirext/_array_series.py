@@ -47,7 +47,7 @@ def filtered(plan: SeriesPlan, zs: Any) -> tuple[Any, Any]:
 def _head(plan: SeriesPlan, z: Any, space: Space) -> Any:
     if plan.head is None:
         raise UfirextError(
-            f"the first {plan.horizon - 1} rows of this lag or model are filtered step by step, not as {space}: "
+            f"the first {plan.horizon - 1} rows of this lag or model need a filter that goes step by step: "
             "give a NumPy array"
         )
     return head_states(moved_head(plan.head, _converter(space)), z, space.xp)
