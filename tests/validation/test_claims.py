@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import math
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import validation.claims
 from validation.claims import (
     AtLeast,
     AtMost,
@@ -111,3 +113,7 @@ def test_sampling_needs_a_standard_error() -> None:
 def test_only_unexplained_differences_and_claims_that_nobody_ran_fail() -> None:
     assert {verdict for verdict in Verdict if verdict.fails} == {Verdict.DIFFERS, Verdict.NOT_RUN}
     assert claim(1.0, None, Tolerance(), because="crashed", ran=False).verdict is Verdict.NOT_RUN
+
+
+def test_the_example_of_a_claim_is_right() -> None:
+    assert doctest.testmod(validation.claims).failed == 0

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 MODEL = kinematic(1, 1, 1.0, q=0.1, r=1.0)
 HORIZON, LAG, SETTLING, P0 = 6, 4, 20, 100.0
+SHOWN = 40
+"""Steps in the picture."""
 FILTERPY = "DelayKalmanFilter = filterpy's KalmanFilter"
 SIMD = "DelayKalmanFilter = simdkalman's filter"
 SAVGOL = "UFIRFilter = scipy's Savitzky-Golay end point"
@@ -96,51 +98,66 @@ def batch(zs: Array) -> tuple[Array, Array, float]:
 
 def run(study: Study) -> Outcome:
     """One series, everybody; the moving-horizon estimator gets its end only, for it takes its time."""
-    from filterpy.kalman import FixedLagSmoother, KalmanFilter
-    from scipy.signal import savgol_coeffs
-
     steps, windows = study.choose(1000, 10_000), study.choose(3, 20)
     x, zs = data(study.rng("series"), steps)
-    found: dict[str, tuple[Array, float]] = {
+    found = _tracked(zs)
+    study.watch(0.3)
+    control = moving_horizon(zs, MODEL, HORIZON, windows)
+    rms = {name: _rmse(states[:, 0] - x[:, 0]) for name, (states, _) in found.items()}
+    lagged = {name: _rmse(states - x[: len(states), 0]) for name, states in _all_lagged(zs).items()}
+
+    claim = partial(Claim, "beyond", ITEM.id)
+    ours, peer = found["DelayKalmanFilter"][0], found["filterpy KalmanFilter"][0]
+    simd, fms = found["simdkalman filter"][0], found["FMSFilterSmoother"][0]
+    straight = found["UFIRFilter"][0][HORIZON - 1 :, 0]
+    ratio = lagged["FMS smoother"] / lagged["filterpy FixedLagSmoother"]
+    claims = [
+        claim(FILTERPY, 0.0, _apart(ours, peer), absolute(1e-10), unit="m"),
+        claim(SIMD, 0.0, _apart(ours, simd), absolute(1e-9), unit="m"),
+        claim(SAVGOL, 0.0, _apart(straight, end_point(zs)), absolute(1e-9), unit="m"),
+        claim(CONTROL, 0.0, _apart(fms[-windows:], control[0]), absolute(1e-4), unit="m"),
+        claim(LAGGED, AtMost(1.0, "ours is better"), ratio, absolute(0.0)),
+    ]
+    last = {name: states[-SHOWN:] for name, (states, _) in found.items()}
+    note = (
+        "The moving-horizon estimator minimises the same sum of squares over the same window, by search, all "
+        "anew each step; the minimum-variance window has its solution in closed form."
+    )
+    picture = partial(draw, x[-SHOWN:], zs[-SHOWN:], last, control[0])
+    return Outcome(claims, [_table(rms, found, control[1]), _lag_table(lagged)], picture, notes=[note])
+
+
+def _tracked(zs: Array) -> dict[str, tuple[Array, float]]:
+    """States by estimator, and seconds a step."""
+    from filterpy.kalman import KalmanFilter
+
+    filtered, smoothed, seconds = batch(zs)
+    return {
         "DelayKalmanFilter": track(DelayKalmanFilter(2, 1), zs),
         "filterpy KalmanFilter": track(KalmanFilter(2, 1), zs),
         "UFIRFilter": track(UFIRFilter(2, 1, horizon=HORIZON), zs),
         "FMSFilterSmoother": track(FMSFilterSmoother(2, 1, horizon=HORIZON), zs),
+        "simdkalman filter": (filtered, seconds),
+        "simdkalman smoother": (smoothed, seconds),
     }
-    filtered, smoothed, seconds = batch(zs)
-    found |= {"simdkalman filter": (filtered, seconds), "simdkalman smoother": (smoothed, seconds)}
-    control = moving_horizon(zs, MODEL, HORIZON, windows)
-    study.watch(0.9)
-    end_point = np.convolve(zs, savgol_coeffs(HORIZON, 1, pos=HORIZON - 1, use="conv"), "valid")
-    smoother = FMSFilterSmoother(2, 1, horizon=2 * HORIZON, lag=LAG)
-    fixed = FixedLagSmoother(2, 1, N=LAG)
-    lagged = {"FMS smoother": _lagged(smoother, zs), "filterpy FixedLagSmoother": _fixed_lag(fixed, zs)}
-    rms = {name: _rmse(found[name][0][:, 0] - x[:, 0]) for name in found}
-    rms_lagged = {name: _rmse(states - x[: len(states), 0]) for name, states in lagged.items()}
 
-    claim = partial(Claim, "beyond", ITEM.id)
-    ours, peer = found["DelayKalmanFilter"][0], found["filterpy KalmanFilter"][0]
-    fms = found["FMSFilterSmoother"][0]
-    straight = found["UFIRFilter"][0][HORIZON - 1 :, 0]
-    ratio = rms_lagged["FMS smoother"] / rms_lagged["filterpy FixedLagSmoother"]
-    claims = [
-        claim(FILTERPY, 0.0, _apart(ours, peer), absolute(1e-10), unit="m"),
-        claim(SIMD, 0.0, _apart(ours, filtered), absolute(1e-9), unit="m"),
-        claim(SAVGOL, 0.0, _apart(straight, end_point), absolute(1e-9), unit="m"),
-        claim(CONTROL, 0.0, _apart(fms[-windows:], control[0]), absolute(1e-4), unit="m"),
-        claim(LAGGED, AtMost(1.0, "ours is better"), ratio, absolute(0.0)),
-    ]
-    return Outcome(
-        claims,
-        [_table(rms, found, control[1]), _lag_table(rms_lagged)],
-        partial(
-            draw, x[-40:], zs[-40:], {name: states[-40:] for name, (states, _) in found.items()}, control[0]
-        ),
-        notes=[
-            "The moving-horizon estimator minimises the same sum of squares over the same window, by search, "
-            "each step anew; the minimum-variance window has its solution in closed form."
-        ],
-    )
+
+def end_point(zs: Array) -> Array:
+    """The straight line through the last HORIZON measurements, at the newest, by scipy."""
+    from scipy.signal import savgol_coeffs
+
+    return np.convolve(zs, savgol_coeffs(HORIZON, 1, pos=HORIZON - 1, use="conv"), "valid")
+
+
+def _all_lagged(zs: Array) -> dict[str, Array]:
+    """Positions LAG steps ago by estimator."""
+    from filterpy.kalman import FixedLagSmoother
+
+    ours = FMSFilterSmoother(2, 1, horizon=2 * HORIZON, lag=LAG)
+    return {
+        "FMS smoother": _lagged(ours, zs),
+        "filterpy FixedLagSmoother": _fixed_lag(FixedLagSmoother(2, 1, N=LAG), zs),
+    }
 
 
 def _lagged(f: FMSFilterSmoother, zs: Array) -> Array:
