@@ -1,13 +1,14 @@
-# make demo     simulate a city drive, track it with several filters, write the report
+# make demo     track a simulated city drive with several filters; reproduce the papers; write both reports
 # make test     the whole test suite
 # make check    ruff and mypy --strict
+# make validate reproduce every table and figure of the papers, at length
 # make bench    speed against peers, as ratios
 # make docs     the documentation
 # Each works on a fresh machine that has make and Python 3.11 or newer; the environment goes to .venv.
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format bench docs clean
+.PHONY: help demo test check format validate bench docs clean
 .NOTPARALLEL:
 
 # The first interpreter that is new enough; `make PYTHON=/path/to/python3 ...` overrides.
@@ -18,7 +19,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 RECIPE := pyproject.toml constraints.txt
-EXTRAS := $(addprefix $(VENV)/.,cli dev docs bench)
+EXTRAS := $(addprefix $(VENV)/.,validation dev docs bench)
 TRACKERS := norfair motpy ocsort
 
 # One thread per process: small matrices gain nothing from more, and the tests run in parallel.
@@ -35,8 +36,9 @@ endif
 help:
 	@sed -n 's/^# make/make/p' Makefile
 
-demo: $(VENV)/.cli
+demo: $(VENV)/.validation
 	$(BIN)/ufirext demo --out out/demo
+	$(BIN)/python -m validation --quick --out out/validation
 
 test: $(VENV)/.dev $(VENV)/.trackers
 	$(BIN)/python -m pytest -n 2 $(TESTS)
@@ -50,6 +52,9 @@ format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+validate: $(VENV)/.validation
+	$(BIN)/python -m validation --full --out out/validation
+
 bench: $(VENV)/.bench $(VENV)/.trackers
 	$(BIN)/python -m benchmarks
 
@@ -58,7 +63,7 @@ docs: $(VENV)/.docs
 	@echo "Documentation: $(abspath docs/_build/html/index.html)"
 
 clean:
-	rm -rf $(VENV) build dist out docs/_build docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist out docs/_build docs/generated docs/gallery .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: rebuilt when the dependencies change, so that a second run starts at once.
