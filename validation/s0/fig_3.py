@@ -41,9 +41,9 @@ class Delayed(NamedTuple):
     at_best_horizon: np.ndarray
 
 
-def at_delay(k: int, arrived: dict[int, Scene]) -> Delayed:
+def at_delay(arrived: tuple[int, Scene]) -> Delayed:
     """All filters on the same runs."""
-    scene = arrived[k]
+    k, scene = arrived
 
     def error(tracker: Linear) -> np.ndarray:
         return squares(tracker.track(scene.zs), scene.truth)
@@ -66,8 +66,7 @@ def at_delay(k: int, arrived: dict[int, Scene]) -> Delayed:
 def run(study: Study) -> Outcome:
     """Draw the runs of every k, tune and score the filters."""
     runs = study.choose(6, 100)
-    arrived = {k: scenes(study, constant_delay(k), runs) for k in DELAYS}
-    found = study.sweep(at_delay, DELAYS, arrived)
+    found = study.sweep(at_delay, [(k, scenes(study, constant_delay(k), runs)) for k in DELAYS])
     scores = {name: [rmse(one.squares[name]) for one in found] for name in PAPERS + OURS}
     return Outcome(
         [*_about_the_kalman_filter(found), *_about_theta(found), *_about_the_horizon(found)],
