@@ -97,7 +97,7 @@ def _scoreboard(items: Sequence[Item], summary: Summary, link: bool = False) -> 
             rows.append((name, item.title, *cells, f"{summary.seconds.get(item.id, 0.0):.1f}"))
         if rows:
             columns = ("item", "", *(str(verdict) for verdict in verdicts), "seconds")
-            parts += [f"**{paper.citation}**", _grid(columns, rows)]
+            parts += [f"**{paper.citation}**", paper.finding, _grid(columns, rows)]
     words = ", ".join(f"{count} {verdict}" for verdict, count in total.items())
     legend = "; ".join(f"*{verdict}*: {MEANING[verdict]}" for verdict in verdicts)
     head = f"{len(summary.claims)} claims: {words}."
