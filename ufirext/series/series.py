@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, integer
+from ..engines.records import Limits
 from ..errors import UfirextError
 from ..filters._window_state import MISSING, WINDOWS
+from ..gains import observability_index
 from ..model import Model
 from . import arguments
 from .constant import Tick, convolved, head_covariances
@@ -19,13 +21,15 @@ from .holes import Holes, hole_plan, present_in
 from .plan import SeriesPlan, chosen_horizon, model_with, series_plan
 from .progress import Progress, ticking
 from .request import PerStep, Request
+from .rows import rows_of
+from .scan import Scan
 from .stepwise import stepwise, stepwise_covariances
 
 __all__ = ["filter_series"]
 
 Mask = NDArray[np.bool_]
-CONSTANT, HOLES, STEPWISE = range(3)
-ENGINES = ("auto", "toeplitz", "stepwise", "numba")
+CONSTANT, HOLES, SCAN, STEPWISE = range(4)
+ENGINES = ("auto", "toeplitz", "scan", "stepwise", "numba")
 
 
 def filter_series(
@@ -169,7 +173,7 @@ def _require_possible(request: Request, window: str) -> None:
 
 
 def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
-    """What each series needs: CONSTANT, HOLES or STEPWISE."""
+    """What each series needs: CONSTANT, HOLES, SCAN or STEPWISE."""
     kinds: NDArray[np.int8] = np.full(request.count, CONSTANT, dtype=np.int8)
     broken = arguments.holes(request.z)
     simple = request.per_step.empty and request.delays is None
@@ -177,19 +181,20 @@ def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
         raise UfirextError(
             'engine="toeplitz" needs a constant model and series without holes and delays; use engine="auto"'
         )
-    if engine == "stepwise" or not simple:
+    if engine == "stepwise" or (request.missing == "predict" and broken.any()):
         kinds[:] = STEPWISE
+    elif engine == "scan" or not simple:
+        kinds[:] = SCAN if request.unbiased else STEPWISE
     elif broken.any():
         plan = hole_plan(_plan(request), request.missing != "skip")
         for series in np.flatnonzero(broken).tolist():
-            held = request.us is None and request.missing != "predict"
-            held = held and plan.holds(present_in(request, series))
-            kinds[series] = HOLES if held else STEPWISE
+            held = request.us is None and plan.holds(present_in(request, series))
+            kinds[series] = HOLES if held else SCAN if request.unbiased else STEPWISE
     return kinds
 
 
 def _run(request: Request, kinds: NDArray[np.int8], x: Array, ready: Mask, tick: Tick) -> None:
-    for kind, run in ((CONSTANT, _constant), (HOLES, _holes), (STEPWISE, _by_steps)):
+    for kind, run in ((CONSTANT, _constant), (HOLES, _holes), (SCAN, _scanned), (STEPWISE, _by_steps)):
         chosen = kinds == kind
         if chosen.all() and len(chosen):
             run(request, x, ready, tick)
@@ -236,6 +241,21 @@ def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         windows.fill(x[series], ready[series], windows.broken)
         if request.prior is not None and not ready[series].all():
             _warm_up(one, x[series], ready[series])
+        tick(request.steps)
+
+
+def _scanned(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
+    """Whatever changes from step to step, one series after the other."""
+    index = observability_index(request.model) or 1
+    limits = Limits(request.horizon, index + 2, request.missing != "skip", request.by_arrival)
+    for series in range(request.count):
+        one, rows = request.only(slice(series, series + 1)), rows_of(request, series, limits)
+        if rows is None:
+            stepwise(one, x[series : series + 1], ready[series : series + 1])
+        else:
+            Scan(rows, limits, request.lag, request.missing == "extend").fill(x[series], ready[series])
+            if request.prior is not None and not ready[series].all():
+                _warm_up(one, x[series], ready[series])
         tick(request.steps)
 
 

@@ -1,0 +1,153 @@
+"""Models that change from step to step, late rows, holes and inputs: the numbers of the stream."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.engines.streams import MODELS
+from tests.oracles import Record, least_squares
+from tests.series.test_filter_series import assert_same, measured
+from tests.strategies import models, seeds
+from ufirext import Model, filter_series, kinematic
+
+STEPS = 80
+
+
+def changing(model, steps, rng):
+    """F, H, R of every step."""
+    n = model.dim_x
+    return {
+        "Fs": model.F + 0.02 * rng.normal(size=(steps, n, n)) * (model.F != 0),
+        "Hs": model.H * rng.uniform(0.5, 2.0, (steps, 1, 1)),
+        "Rs": model.R * rng.uniform(0.3, 3.0, (steps, 1, 1)),
+    }
+
+
+def everything(kinds, model, steps, seed):
+    """A series and the options that go with it."""
+    rng = np.random.default_rng(seed)
+    model = model.replace(B=np.eye(model.dim_x)[:, :2])
+    zs, options = measured(model, steps, seed), {}
+    if "changing" in kinds:
+        options |= changing(model, steps, rng)
+    if "rows" in kinds:
+        zs[rng.random(steps) < 0.3] = np.nan
+    if "components" in kinds:
+        zs[rng.random(zs.shape) < 0.3] = np.nan
+    if "late" in kinds:
+        options["delays"] = np.minimum(rng.integers(0, 4, steps), np.arange(steps))
+    if "inputs" in kinds:
+        options["us"] = rng.normal(size=(steps, model.dim_u))
+    return model, zs, options
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+@pytest.mark.parametrize("horizon", [5, 30])
+@pytest.mark.parametrize(
+    "kinds",
+    ["", "changing", "rows", "components", "late", "inputs", "changing rows late inputs", "components late"],
+)
+@pytest.mark.parametrize("name", ["plane", "acceleration", "unstable", "delayed"])
+def test_a_scan_is_the_stream(name, kinds, horizon, lag):
+    model, zs, options = everything(kinds, MODELS[name], STEPS, seed=1)
+    assert_same(
+        filter_series(model, zs, horizon, lag=lag, engine="scan", **options),
+        filter_series(model, zs, horizon, lag=lag, engine="stepwise", **options),
+    )
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    models(max_x=4, max_z=2),
+    st.integers(3, 30),
+    st.sets(st.sampled_from(["changing", "rows", "components", "late", "inputs"])),
+    st.integers(1, 60),
+    seeds,
+)
+def test_any_model_anything(model, horizon, kinds, steps, seed):
+    model, zs, options = everything(kinds, model, steps, seed)
+    try:
+        stream = filter_series(model, zs, horizon, engine="stepwise", **options)
+    except ValueError:
+        return
+    assert_same(filter_series(model, zs, horizon, engine="scan", **options), stream, tolerance=1e-7)
+
+
+@pytest.mark.parametrize("missing", ["extend", "skip"])
+def test_what_a_missing_step_does(missing):
+    model, zs, options = everything("changing rows", MODELS["plane"], STEPS, seed=3)
+    options["missing"] = missing
+    assert_same(
+        filter_series(model, zs, 6, **options), filter_series(model, zs, 6, engine="stepwise", **options)
+    )
+
+
+@pytest.mark.parametrize("options", [{"missing": "predict"}, {"window": "origins"}, {"noise": (0.1, 2.0)}])
+def test_what_no_scan_holds_goes_step_by_step(options):
+    model, zs, late = everything("late rows", MODELS["velocity"], 40, seed=2)
+    if "noise" in options:
+        late = {}
+    assert_same(
+        filter_series(model, zs, 6, **options, **late),
+        filter_series(model, zs, 6, engine="stepwise", **options, **late),
+    )
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        kinematic(1, 1, 0.1),
+        kinematic(2, 2, 0.1),
+        Model([[1.05]], [[1.0]]),
+        Model([[0.9, 0.4], [-0.4, 0.9]], [[1.0, 0.0]]),
+    ],
+    ids=["velocity", "acceleration", "unstable", "oscillating"],
+)
+def test_changing_windows_are_least_squares_to_twelve_digits(model):
+    rng = np.random.default_rng(4)
+    horizon, steps = 40, 130
+    zs, options = measured(model, steps), changing(model, steps, rng)
+    x = filter_series(model, zs, horizon, **options).x
+    F, Q = dict(enumerate(options["Fs"])), dict.fromkeys(range(steps), model.Q)
+    for last in (horizon - 1, 77, steps - 1):
+        window = range(last - horizon + 1, last + 1)
+        records = [Record(k, k, options["Hs"][k], options["Rs"][k], zs[k]) for k in window]
+        expected, K, _ = least_squares(records, F, Q, last)
+        assert (np.abs(x[last] - expected) <= 1e-12 * (np.abs(K) @ np.abs(zs[window].ravel()))).all()
+
+
+def test_late_rows_are_older_rows():
+    """In which order they came does not matter once all are in the window."""
+    model, zs = kinematic(1, 1, 0.1), measured(kinematic(1, 1, 0.1), 60)
+    swapped, delays = zs.copy(), np.zeros(60, dtype=int)
+    swapped[20:60:4], swapped[21:60:4] = np.nan, zs[20:60:4]
+    delays[21:60:4] = 1
+    kept = zs.copy()
+    kept[21:60:4] = np.nan
+    late = filter_series(model, swapped, 20, delays=delays).x
+    punctual = filter_series(model, kept, 20).x
+    # Windows of 20 arrivals that end at a step where nothing is still to come.
+    np.testing.assert_allclose(late[43:60:4], punctual[43:60:4], rtol=0, atol=1e-11)
+
+
+def test_None_in_a_list_of_matrices_is_the_model_s():
+    model, zs = kinematic(1, 1, 0.1), measured(kinematic(1, 1, 0.1), 30)
+    Rs = [None] * 30
+    Rs[7] = [[9.0]]
+    full = np.ones((30, 1, 1))
+    full[7] = 9.0
+    np.testing.assert_array_equal(
+        filter_series(model, zs, 8, Rs=Rs).x, filter_series(model, zs, 8, Rs=full).x
+    )
+
+
+def test_several_series_that_change_alike():
+    model = MODELS["plane"]
+    zs, options = measured(model, 60, count=3), changing(model, 60, np.random.default_rng(0))
+    zs[1, 20:26] = np.nan
+    together = filter_series(model, zs, 10, **options)
+    for one, z in zip(together.x, zs, strict=True):
+        np.testing.assert_array_equal(one, filter_series(model, z, 10, **options).x)
