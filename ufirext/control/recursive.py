@@ -235,6 +235,8 @@ def _steady(model: Model) -> Array:
     """Covariance of the Kalman predictor in its steady state."""
     try:
         P, *_ = ct.dare(model.F.T, model.H.T, model.Q, model.R)
-    except (ct.ControlArgument, np.linalg.LinAlgError, ValueError) as error:
-        raise ct.ControlArgument(f"the Kalman filter has no steady state ({error}); give P0") from error
+    except (ct.ControlArgument, np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
+        # slycot, where it is installed, raises ArithmeticErrors.
+        reason = " ".join(str(error).split())
+        raise ct.ControlArgument(f"the Kalman filter has no steady state ({reason}); give P0") from error
     return np.asarray(P)
