@@ -52,8 +52,13 @@ print("from the first 100 of them:", best_horizon(wrong, zs[:100]))
 # %%
 # How much it matters
 # -------------------
-# The errors that these windows really make on the series. The curve is flat around its minimum:
-# half or twice the best horizon is a mistake that can be afforded, ten times is not.
+# The errors that these windows really make on the series, and what half and twice the best horizon
+# cost. The curve is flat around its minimum, and too short is a smaller mistake than too long.
+
+best = np.sqrt(ufir_gain(model, N).P[0, 0])
+for horizon in (N // 2, 2 * N):
+    worse = np.sqrt(ufir_gain(model, horizon).P[0, 0]) / best
+    print(f"horizon {horizon}: {100 * (worse - 1):.0f} % more error than with {N}")
 
 found = []
 for horizon in horizons[::3]:
