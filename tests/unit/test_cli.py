@@ -278,7 +278,7 @@ def test_what_a_filter_cannot_do_is_said_with_the_reason(drive):
         (("--filter", "hinf", "--lag", 2), "the error of the present state"),
         (("--filter", "kalman", "--horizon", 8), "kalman forgets nothing"),
         (("--filter", "hinf", "--theta", 10), "theta must be below theta_max"),
-        (("--filter", "kalman", "--lag", 300), "can remember 200 steps"),
+        (("--filter", "kalman", "--lag", 300), "lag must be at most 200 steps for kalman"),
     ):
         result = invoke("track", drive, *options)
         assert result.exit_code == 2
@@ -327,6 +327,9 @@ def test_a_row_with_an_impossible_delay_is_left_out_and_reported(late, name, bad
         ("--filter", "hinf", "--theta", "10"),
         ("--density", "-1"),
         ("--density", "inf"),
+        ("--density", "1e19"),
+        ("--sigma", "1e-10"),
+        ("--sigma", "1e10"),
         ("--output", "a.txt"),
         ("--plot", "a.pdf"),
         ("--output", "nowhere/a.csv"),

@@ -26,6 +26,7 @@ from .writing import default_output, require_format, write_left_out, write_track
 
 __all__ = ["track"]
 
+_HUGE = 1e9  # m; nothing on earth is longer, or known better than its inverse
 _LONG = 2**20  # bytes; shorter files are done before a bar could be read
 
 
@@ -142,11 +143,11 @@ def _window(text: str) -> int | None:
 def _check(wish: Wish) -> None:
     """That every option has a meaning for the filter, and a value that can be meant."""
     name = wish.filter
-    if wish.sigma is not None and not 0 < wish.sigma < float("inf"):
-        _wrong(f"must be a positive number of metres, got {wish.sigma}", "--sigma")
+    if wish.sigma is not None and not 1 / _HUGE <= wish.sigma <= _HUGE:
+        _wrong(f"must be a number of metres from {1 / _HUGE:g} to {_HUGE:g}, got {wish.sigma}", "--sigma")
     for option, value in (("--density", wish.density), ("--theta", wish.theta)):
-        if value is not None and not 0 <= value < float("inf"):
-            _wrong(f"must be a finite number, not negative, got {value}", option)
+        if value is not None and not 0 <= value <= _HUGE**2:
+            _wrong(f"must be a number from 0 to {_HUGE**2:g}, got {value}", option)
     if wish.theta is not None and name != "hinf":
         _wrong(f"is for the filter hinf, got {name}", "--theta")
     if wish.adaptive and name != "ufir":

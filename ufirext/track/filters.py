@@ -28,12 +28,12 @@ def new_filter(motion: Motion, oldest: int = 0) -> Any:
     ----------
     motion : Motion
     oldest : int, optional
-        How many steps late the latest row is; only filters without a window must know.
+        How many steps late the latest row is; filters without a window take rows up to 200 steps late.
 
     Raises
     ------
     HorizonError
-        If a filter without a window would have to remember too many steps.
+        If a filter without a window would have to remember too many steps for the lag.
     """
     model = motion.model()
     kf = _made(model, motion, oldest)
@@ -53,12 +53,12 @@ def _made(model: Model, motion: Motion, oldest: int) -> Any:
         from ..filters.fms import FMSFilterSmoother
 
         return FMSFilterSmoother(*dims, horizon=motion.horizon, lag=motion.lag)
-    remembered = max(oldest, motion.lag)
-    if remembered > _DEEPEST:
+    if motion.lag > _DEEPEST:
         raise HorizonError(
-            f"{motion.filter} can remember {_DEEPEST} steps, a row is {oldest} steps late and the lag is "
-            f"{motion.lag}: take the filter ufir or fms"
+            f"lag must be at most {_DEEPEST} steps for {motion.filter}, got {motion.lag}; "
+            "the filters ufir and fms take longer ones"
         )
+    remembered = max(min(oldest, _DEEPEST), motion.lag)
     if motion.filter == "kalman":
         from ..filters.kalman import DelayKalmanFilter
 

@@ -194,10 +194,14 @@ def _horizon(track: Track, axis: Timing, order: int) -> int:
     model = kinematic(order, AXES, 1.0)
     least = shortest_horizon(model) + 2
     steps = np.minimum(np.rint(axis.steps), 8)  # a long gap need not be walked through
-    taken = np.rint(np.cumsum(steps) - age_in_steps(track, axis)).astype(int)
+    ages = age_in_steps(track, axis)
+    known = ages <= _LONGEST  # a row older than any window tells nothing about windows
+    taken = np.rint((np.cumsum(steps) - ages)[known]).astype(int)
+    if not len(taken):
+        return least
     taken -= taken.min()
     zs = np.full((int(taken.max()) + 1, AXES), np.nan)
-    zs[taken] = track.position - track.position[0]
+    zs[taken] = track.position[known] - track.position[0]
     try:
         return best_horizon(model, zs, longest=max(least, min(_LONGEST, len(track) // 4)))
     except ShapeError:  # too few rows to judge by

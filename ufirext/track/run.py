@@ -153,8 +153,8 @@ def run(
         if on_grid:
             filter_grid(stretch, motion, out, progress)
         else:
-            kf = filter_rows(stretch, motion, out, progress, spread=spread)
-            dropped += kf.dropped
+            kf, late = filter_rows(stretch, motion, out, progress, spread=spread)
+            dropped += late
             theta = _wider(theta, kf) if motion.filter == "hinf" else None
         out.mean[rows, :: motion.order + 1] += track.position[rows.start]
     for state in range(out.mean.shape[1]):

@@ -126,16 +126,19 @@ def _flag(out: Estimates, stretch: Stretch, motion: Motion) -> None:
 
 def filter_rows(
     stretch: Stretch, motion: Motion, out: Estimates, progress: Progress, *, spread: bool = True
-) -> Any:
-    """Rows off the grid and late rows, step by step; returns the filter as it ends."""
+) -> tuple[Any, int]:
+    """Rows off the grid and late rows, step by step; returns the filter and how many rows came too late."""
     late = stretch.ages is not None
     delays, ahead = stretch.origins()
     kf = new_filter(motion, int(delays.max()))
+    usable = delays <= (len(out.nis) if motion.windowed else kf.max_delay)
     walk = _Walk(kf, stretch.regular, motion, out, spread)
     for offset, (steps, z) in enumerate(zip(stretch.steps.tolist(), stretch.measured, strict=True)):
         row = stretch.rows.start + offset
         walk.advance(steps if offset else 1.0, remember=late)
-        if late:
+        if not usable[offset]:
+            walk.pass_over(row)
+        elif late:
             walk.take_late(row, z, int(delays[offset]), float(ahead[offset]))
         else:
             walk.take(row, z)
@@ -143,7 +146,7 @@ def filter_rows(
             progress("filtering", row + 1, len(out.nis))
     walk.finish()
     _flag(out, stretch, motion)
-    return kf
+    return kf, int(kf.dropped + np.count_nonzero(~usable))
 
 
 class _Walk:
@@ -200,12 +203,19 @@ class _Walk:
         self.waiting.append((row, self.now))
         self._deliver()
 
+    def pass_over(self, row: int) -> None:
+        """A row too old for the filter: the estimate goes on without it."""
+        self.kf.update(None)
+        self.waiting.append((row, self.now))
+        self._deliver()
+
     def _judge(self, row: int, y: Array, S: Array | None) -> None:
         self.out.innovation[row] = y
         if S is None:
             return
         self.out.innovation_std[row] = np.sqrt(np.diag(S))
-        self.out.nis[row] = float(y @ np.linalg.solve(S, y))
+        with np.errstate(over="ignore"):  # told a sigma that is nothing, anything is impossible
+            self.out.nis[row] = float(y @ np.linalg.solve(S, y))
 
     def _deliver(self) -> None:
         """Write the estimates of all waiting rows that have seen `lag` further steps."""

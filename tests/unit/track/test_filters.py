@@ -193,15 +193,26 @@ def test_an_excessive_density_leaves_a_positive_sigma():
 # -- limits ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["kalman", "hinf"])
-def test_rows_too_late_to_remember_are_refused_with_a_way_out(name):
+@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("delay", [300.0, 1e9])
+def test_rows_too_late_to_be_used_are_counted_and_leave_the_estimate_alone(name, delay):
     seconds = np.arange(400.0)
     age = np.zeros(400)
-    age[350] = 300.0
-    track = recorded(seconds, straight(seconds), age=age, age_unit="steps")
-    with pytest.raises(HorizonError, match=r"can remember 200 steps, a row is 300 steps late .* ufir or fms"):
-        run(track, timing(track), replace(MOTION, filter=name))
-    run(track, timing(track), replace(MOTION, filter="ufir"))
+    age[350] = delay
+    measured = straight(seconds)
+    measured[350] = 1e6
+    track = recorded(seconds, measured, age=age, age_unit="steps")
+    choice = choose(track, timing(track), Wish(order=1, filter=name))
+    assert choice.motion.horizon < 20
+    estimates = run(track, timing(track), replace(MOTION, filter=name))
+    assert estimates.dropped == 1
+    np.testing.assert_allclose(estimates.position[10:], straight(seconds)[10:], atol=1e-3)
+
+
+def test_a_lag_that_needs_too_long_a_memory_is_refused():
+    track, _ = of_kind("grid", np.random.default_rng(9))
+    with pytest.raises(HorizonError, match="lag must be at most 200 steps for kalman, got 201"):
+        run(track, timing(track), replace(MOTION, filter="kalman", lag=201))
 
 
 def test_a_theta_beyond_its_limit_is_refused():
