@@ -42,7 +42,7 @@ def save(fleet: Fleet, path: str | PathLike[str]) -> None:
     content |= {name: getattr(engine, name) for name in TRACKS}
     if engine.space is not None:
         host, history = engine.space.host, engine.history
-        content["x"] = host(engine.x)
+        content["x"] = host(engine.estimates())
         content |= {n: host(a) for n in RINGS if (a := getattr(history, n)) is not None}
         for tick, slot in history.older.items():
             content |= {f"{n} {tick}": host(a) for n, a in zip(RINGS, slot, strict=True) if a is not None}

@@ -27,6 +27,7 @@ class Engine:
 
     A track is `odd` unless its window is full of plain rows; `needs` is the tick of the oldest row of an odd
     track's last estimate: what came since then is all that later windows and covariances can ask for.
+    The last estimates are kept where a track is odd; else the ring gives them again.
     """
 
     def __init__(self, model: Model, horizon: int, tracks: int, extends: bool) -> None:
@@ -48,9 +49,9 @@ class Engine:
         """Memory for the tracks, in the caller's library, device and dtype."""
         self.space = space
         self.history = History(space, self.horizon, self.model.dim_z, self.tracks)
-        self.x = self._nowhere(self.tracks)
-        K = ufir_gain(self.model, self.horizon).K.T
-        self.gain = space.constant(np.concatenate([K, K]))
+        self.x: Any | None = None
+        K = ufir_gain(self.model, self.horizon).K
+        self.gain = space.constant(np.concatenate([K, K], axis=1))
         self.F = space.constant(self.model.F.T)
 
     @cached_property
@@ -85,15 +86,21 @@ class Engine:
             here = None if here is None else here[:, self.seen]
         if delay is not None:
             z, here, delay = self._drop(space, z, here, delay)
-        self.now += 1
         complete = None if here is None and delay is None else self._complete(here, delay)
+        held = None if complete is None else self._last()
+        self.now += 1
         self._keep_what_is_needed(complete)
         self.history.write(self.now, z, delay)
-        held, self.x = self.x, self.history.product(self.now, self.gain)
-        if complete is not None or self.odd.any():
-            came = self.active.copy() if here is None else here.any(axis=1)
-            self._answer_the_rest(held, came)
-        return self.estimates()
+        if complete is None and not self.odd.any():
+            self.x = None
+            return self._product(self.now)
+        came = self.active.copy() if here is None else here.any(axis=1)
+        self.x = self._answered(self._product(self.now), held, came)
+        return space.copy(self.x)
+
+    def _product(self, tick: int) -> Any:
+        """Estimates of all tracks from the full window up to a tick, NaN where that has holes."""
+        return self.history.product(tick, self.gain)
 
     def _complete(self, here: Any, delay: Array | None) -> Any:
         """Tracks with a plain row at this tick."""
@@ -128,11 +135,13 @@ class Engine:
         if self.history.older or oldest <= leaving:
             self.history.keep(leaving, oldest)
 
-    def _answer_the_rest(self, held: Any, came: Any) -> None:
-        """Tracks whose window is not full of plain rows; `held` are the estimates of the last tick."""
+    def _answered(self, x: Any, held: Any, came: Any) -> Any:
+        """x with the tracks whose window is not full of plain rows; `held` are the estimates of the last
+        tick, needed where not all `came`.
+        """
         space: Any = self.space
         before = self.ready
-        self.odd = space.host(space.xp.any(space.xp.isnan(self.x), axis=1)) & self.active
+        self.odd = space.host(space.xp.any(space.xp.isnan(x), axis=1)) & self.active
         self.ready = self.active & ~self.odd
         self.needs[~self.odd] = NOTHING
         solving = self.odd & came if self.limits.extends else self.odd
@@ -142,28 +151,33 @@ class Engine:
             if where.size:
                 rows = space.indices(where)
                 moved = space.xp.matmul(space.xp.take(held, rows, axis=0), self.F)
-                self.x = space.put_rows(self.x, rows, moved)
+                x = space.put_rows(x, rows, moved)
                 self.ready |= coasting
-        self._solve(np.flatnonzero(solving))
+        return self._solved(x, np.flatnonzero(solving))
 
-    def _solve(self, where: Any) -> None:
+    def _solved(self, x: Any, where: Any) -> Any:
+        """x with the estimates of these tracks."""
         space: Any = self.space
         size = BLOCK if space.native else max(BLOCK, 1 << 20)
         for block in (where[start : start + size] for start in range(0, len(where), size)):
-            x, oldest = self.irregular.solve(self.history, self.now, block)
-            self.x = space.put_rows(self.x, space.indices(block), x)
+            rows, oldest = self.irregular.solve(self.history, self.now, block)
+            x = space.put_rows(x, space.indices(block), rows)
             found = oldest >= 0
             self.ready[block] = found
             first = self.now - self.limits.reach + 1
             waiting = np.maximum(np.minimum(self.needs[block], self.now), first)
             self.needs[block] = np.where(found, self.now - oldest, waiting)
+        return x
 
     def estimates(self) -> Any:
-        """A copy of the last estimates."""
+        """The last estimates again; the caller's own."""
         space = self.space
         if space is None:
             return np.full((self.tracks, self.model.dim_x), np.nan)
-        return space.copy(self.x)
+        return self._last() if self.x is None else space.copy(self.x)
+
+    def _last(self) -> Any:
+        return self._product(self.now) if self.x is None else self.x
 
     def covariance(self, slots: Any) -> Array:
         """Exact covariances (len(slots), dim_x, dim_x), NaN where a track is not ready."""
@@ -207,7 +221,8 @@ class Engine:
         self.tracks = tracks
         if self.space is not None:
             self.history.widen(tracks)
-            self.x = self.space.xp.concat([self.x, self._nowhere(more)], axis=0)
+            if self.x is not None:
+                self.x = self.space.xp.concat([self.x, self._nowhere(more)], axis=0)
 
     def leave(self, slots: Any) -> None:
         """Forget the tracks in these slots."""
@@ -215,7 +230,8 @@ class Engine:
         self.odd[slots], self.needs[slots], self.dropped[slots] = True, NOTHING, 0
         if self.space is not None:
             self.history.forget(slots)
-            self.x = self.space.put_rows(self.x, self.space.indices(slots), self._nowhere(len(slots)))
+            if self.x is not None:
+                self.x = self.space.put_rows(self.x, self.space.indices(slots), self._nowhere(len(slots)))
 
     @property
     def nbytes(self) -> int:

@@ -122,13 +122,13 @@ class History:
     def product(self, newest: int, twice: Any) -> Any:
         """x (tracks, dim_x) of the windows up to `newest`.
 
-        `twice` (2 length dim_z, dim_x) is the transposed gain, oldest row first, written down twice: the
-        oldest row lies in the middle of the ring, and a part of it fits the order of the slots.
+        `twice` (dim_x, 2 length dim_z) is the gain, oldest row first, written down twice: the oldest row
+        lies in the middle of the ring, and a part of it fits the order of the slots.
         """
         xp, count = self.space.xp, self.length * self.dim_z
         rows = xp.reshape(self.values, (count, self.tracks))
         first = (-(newest + 1) % self.length) * self.dim_z
-        return xp.matmul(xp.permute_dims(rows, (1, 0)), twice[first : first + count, :])
+        return xp.permute_dims(xp.matmul(twice[:, first : first + count], rows), (1, 0))
 
     def batch(self, tracks: np.ndarray[Any, Any], newest: int, ages: int) -> Batch:
         """The rows of some tracks that arrived in the last `ages` ticks."""
