@@ -70,9 +70,13 @@ class Ring(Slots):
             return None if gain is None else gain.dot(self.free[end - length : end].reshape(-1))
         span = self._span(length)
         weights = self.weights[end - span : end]
-        if np.count_nonzero(weights) < min(self.limits.horizon, self.limits.instants):
-            return None
+        if self._few(weights) and self.limits.extends and self.base + end - 1 - length >= (self.begin or 0):
+            reached = self._reached()
+            return None if reached is None else reached[0]
         return self._normal(span, weights)
+
+    def _few(self, weights: Array) -> bool:
+        return int(np.count_nonzero(weights)) < min(self.limits.horizon, self.limits.instants)
 
     def solve_at(self, step: int) -> Solution:
         """The estimate as it stood at an earlier step, whose window must have had one."""
@@ -89,14 +93,13 @@ class Ring(Slots):
         limits = self.limits
         span = self._span(length)
         weights = self.weights[self.end - span : self.end]
-        rows = int(np.count_nonzero(weights))
-        if limits.extends and rows < min(limits.horizon, limits.instants):
+        if limits.extends and self._few(weights):
             earlier = self.arrivals[self.end - limits.reach : self.end - limits.horizon]
             if (earlier != NEVER).any():
                 return self._extended()
         x = self._normal(span, weights)
         if x is not None:
-            return self._solution(x, weights.tobytes(), rows)
+            return self._solution(x, weights.tobytes(), int(np.count_nonzero(weights)))
         return self._patterned(weights)
 
     def _span(self, length: int) -> int:
@@ -138,23 +141,26 @@ class Ring(Slots):
         """Reach further back, an older row at a time, until the rows suffice."""
         if self.raw is not None:
             return self.records().solve(self.limits)
-        reach = slice(self.end - self.limits.reach, self.end)
-        reached, present = self.weights[reach], np.flatnonzero(self.arrivals[reach] != NEVER)
+        reached = self._reached()
+        return None if reached is None else self._solution(*reached)
+
+    def _reached(self) -> tuple[Array, bytes, int] | None:
+        """x from the fewest newest rows that suffice; the pattern of their weights and their number."""
+        low = self.end - self.limits.reach
+        present = (self.arrivals[low : self.end] != NEVER).nonzero()[0].tolist()
         wanted = min(self.limits.horizon, self.limits.instants)
         for count in range(min(wanted, len(present)), len(present) + 1):
-            weights = reached[present[len(present) - count] :]
-            key = weights.tobytes()
-            span = max(8, 1 << (len(weights) - 1).bit_length())
-            padding = np.zeros(span - len(weights))
-            free = np.zeros((span, self.free.shape[1]))
-            free[len(padding) :] = self.free[self.end - len(weights) : self.end]
-            x = self._in_basis(span, np.concatenate([padding, weights]), free)
+            oldest = low + present[-count] if count else self.end
+            weights, free = self.weights[oldest : self.end], self.free[oldest : self.end]
+            key, length = weights.tobytes(), self.end - oldest
+            span = max(8, 1 << (length - 1).bit_length())
+            padded, filled = np.zeros(span), np.zeros((span, free.shape[1]))
+            padded[span - length :], filled[span - length :] = weights, free
+            x = self._in_basis(span, padded, filled)
+            if x is None and self.plan.pattern(key).determined:
+                x = self.plan.pattern(key).weighted_gain.dot(free.reshape(-1))
             if x is not None:
-                return self._solution(x, key, count)
-            pattern = self.plan.pattern(key)
-            if pattern.determined:
-                x = pattern.weighted_gain.dot(self.free[self.end - len(weights) : self.end].reshape(-1))
-                return self._solution(x, key, pattern.rows)
+                return x, key, count
         return None
 
     def _solution(self, x: Array, key: bytes, rows: int) -> Solution:
