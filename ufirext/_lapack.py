@@ -23,14 +23,6 @@ def cholesky_solver() -> Any:
 
 
 @cache
-def cholesky_factor() -> Any:
-    """dpotrf: factor, info of a symmetric positive definite matrix."""
-    from scipy.linalg.lapack import dpotrf
-
-    return dpotrf
-
-
-@cache
 def packed_cholesky() -> tuple[Any, Any]:
     """dpptrf: factor, info of the packed upper triangle of a symmetric positive definite matrix; dpptrs:
     solution, info.
@@ -38,14 +30,6 @@ def packed_cholesky() -> tuple[Any, Any]:
     from scipy.linalg.lapack import dpptrf, dpptrs
 
     return dpptrf, dpptrs
-
-
-@cache
-def triangular_solver() -> Any:
-    """dtrtrs: solution, info of a triangular system."""
-    from scipy.linalg.lapack import dtrtrs
-
-    return dtrtrs
 
 
 def is_positive_definite(array: Array) -> bool:

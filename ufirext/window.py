@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ._arrays import Array
-from ._lapack import cholesky_factor, triangular_solver
+from ._lapack import cholesky_solver
 from .model import Model
 
 # Singular values of the column-scaled rows below this fraction of the largest count as zero.
@@ -46,7 +46,7 @@ class Row:
     z: Array
     shift: Array | None = None
     correlation: Array | None = None
-    _affine: Array | None = field(default=None, init=False, repr=False)
+    _raw: Array | None = field(default=None, init=False, repr=False)
     _gram: Array | None = field(default=None, init=False, repr=False)
     _information: float | None = field(default=None, init=False, repr=False)
 
@@ -56,22 +56,30 @@ class Row:
         return whitener(self.R)
 
     @property
-    def affine(self) -> Array:
-        """The whitened [H, -z], (m, dim_x + 1): times [x; 1] it is noise of covariance I."""
-        if self._affine is None:
+    def raw(self) -> Array:
+        """[H, -z], (m, dim_x + 1): times [x; 1] it is noise of covariance R."""
+        if self._raw is None:
             m, n = self.H.shape
-            rows = np.empty((m, n + 1))
+            rows = self._raw = np.empty((m, n + 1))
             rows[:, :n] = self.H
             rows[:, n] = -self.z if self.shift is None else self.H.dot(self.shift) - self.z
-            self._affine = whitened(rows, self.R)
-        return self._affine
+        return self._raw
+
+    @cached_property
+    def affine(self) -> Array:
+        """The whitened [H, -z]: noise of covariance I."""
+        white: Array = self.whitener.dot(self.raw)
+        return white
 
     @property
     def gram(self) -> Array:
-        """B'B of the affine row B, (dim_x + 1, dim_x + 1)."""
+        """[H, -z]' R^-1 [H, -z], (dim_x + 1, dim_x + 1)."""
         if self._gram is None:
-            B = self.affine
-            self._gram = B.T.dot(B)
+            factor, weighted, info = cholesky_solver()(self.R, self.raw)
+            if info or not well_scaled(factor, self.R, GOOD_PIVOT):
+                self._gram = self.affine.T.dot(self.affine)
+            else:
+                self._gram = self.raw.T.dot(weighted)
         return self._gram
 
     @property
@@ -87,22 +95,12 @@ class Row:
         return self._information
 
 
-def whitened(rows: Array, R: Array) -> Array:
-    """W `rows` with W R W' = I: by the Cholesky factor of R where that loses nothing, else by `whitener`."""
-    if len(R) == 1:
-        variance = float(R.item())
-        scaled: Array = rows / np.sqrt(variance if variance > 0.0 else 1.0)
-        return scaled
-    L, info = cholesky_factor()(R, lower=1)
-    if not info:
-        for pivot, variance in zip(L.diagonal().tolist(), R.diagonal().tolist(), strict=True):
-            if pivot * pivot < GOOD_PIVOT * variance:
-                break
-        else:
-            result: Array = triangular_solver()(L, rows, lower=1)[0]
-            return result
-    white: Array = whitener(R).dot(rows)
-    return white
+def well_scaled(factor: Array, matrix: Array, least: float) -> bool:
+    """Whether no squared pivot of the Cholesky factor falls below `least` of the diagonal entry: scaling rows
+    and columns changes nothing.
+    """
+    pivots, entries = factor.diagonal().tolist(), matrix.diagonal().tolist()
+    return all(pivot * pivot >= least * entry for pivot, entry in zip(pivots, entries, strict=True))
 
 
 def whitener(R: Array) -> Array:

@@ -36,7 +36,7 @@ class Slots:
         m = plan.model.dim_z
         self.free = np.zeros((self.capacity, m))
         self.single = m == 1
-        self.variances: list[list[float]] = plan.model.R.tolist()
+        self.variances: list[float] = plan.model.R.ravel().tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
         self._default()
@@ -184,22 +184,28 @@ class Slots:
         base = self.variances
         try:
             if self.single:
-                weight = base[0][0] / (R if type(R) is float else R.item())
+                weight = base[0] / (R if type(R) is float else R.item())
             else:
-                given = R.tolist()
-                weight = base[0][0] / given[0][0]
+                if R.shape != self.plan.model.R.shape:
+                    return None
+                given = R.ravel().tolist()
+                weight = base[0] / given[0]
                 for ours, theirs in zip(base, given, strict=True):
-                    for a, b in zip(ours, theirs, strict=True):
-                        if abs(a - weight * b) > 1e-15 * abs(a):
-                            return None
-        except (AttributeError, TypeError, ValueError, IndexError, ZeroDivisionError):
+                    gap = ours - weight * theirs
+                    if gap and abs(gap) > 1e-15 * abs(ours):
+                        return None
+        except (AttributeError, TypeError, ValueError, ZeroDivisionError):
             return None
         return weight if 1.0 / ORDINARY < weight < ORDINARY else None
 
-    def weigh(self, weight: float, R: Array, z: Any) -> None:
+    def weigh(self, weight: float, R: Any, z: Any) -> None:
         """Note the weight of the row stored last (as w z), and what came."""
-        i, now, m = self.end - 1, self.now, self.free.shape[1]
-        self.odd[now] = Row(now, now, self.plan.model.H, np.array(R).reshape(m, m), np.array(z).reshape(m))
+        i, now = self.end - 1, self.now
+        if self.single:
+            R, z = np.array(R, dtype=float).reshape(1, 1), np.array(z, dtype=float).reshape(1)
+        else:
+            R, z = R.copy(), z.reshape(-1).copy()
+        self.odd[now] = Row(now, now, self.plan.model.H, R, z)
         self.weights[i], self.irregular = weight, now
 
     def unstore(self) -> None:

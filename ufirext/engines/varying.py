@@ -6,15 +6,16 @@ table is built row by row, so that no step is long.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import dropwhile, takewhile
+from operator import attrgetter
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
-from ..window import Row
+from ..window import Row, well_scaled
 from .blocks import Block, Suffix
 from .covariance import Covariance
 from .exact import window_covariance
@@ -51,10 +52,13 @@ class Varying(Records):
 
     def _begin(self, limits: Limits) -> None:
         self.limits = limits
+        # What the window counts from: when a row arrived, or where its state lies.
+        self._key: Callable[[Row], int] = attrgetter("arrival" if limits.by_arrival else "origin")
         self.active = self.following = None
         self.by_key: dict[int, list[Row]] = {}
         self.spread = 0  # longest delay seen
-        self.tallies: dict[int, Tally] = {}  # of all rows with keys up to a step
+        # Up to each key: rows, and steps that brought one of their own (at least so many instants).
+        self.tallies: dict[int, tuple[int, int]] = {}
         self.next_forget = self.now
 
     def copy(self) -> Self:
@@ -68,9 +72,6 @@ class Varying(Records):
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "active": None, "following": None}
-
-    def _key(self, row: Row) -> int:
-        return row.arrival if self.limits.by_arrival else row.origin
 
     def _index(self, row: Row) -> None:
         self.by_key.setdefault(self._key(row), []).append(row)
@@ -123,8 +124,8 @@ class Varying(Records):
             return
         alone = row.origin == self.now and len(self.by_key[key]) == 1
         for step in range(key, self.now + 1):
-            tally = self.tallies[step]
-            self.tallies[step] = Tally(tally.rows + 1, tally.instants + alone)
+            count, instants = self.tallies[step]
+            self.tallies[step] = count + 1, instants + alone
         active.add(row.origin, row.gram)
         if following is not None:
             following.add(row.origin, row.gram)
@@ -137,8 +138,8 @@ class Varying(Records):
             here = [row for row in self.rows[-3:] if row.arrival == row.origin == self.now]
             self.by_key[self.now] = here
             if self.active is not None:
-                earlier = self.tallies[self.now - 1]
-                self.tallies[self.now] = Tally(earlier.rows + len(here), earlier.instants + 1)
+                count, instants = self.tallies[self.now - 1]
+                self.tallies[self.now] = count + len(here), instants + 1
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, two steps late: covariances are worked out afterwards."""
@@ -149,12 +150,12 @@ class Varying(Records):
         self.rows = [row for row in self.rows if self._key(row) > bound]
         kept = bound - self.spread - limits.reach
         for table in (self.by_key, self.tallies):
-            for step in [step for step in table if step <= kept]:
-                del table[step]
+            while table and (oldest := next(iter(table))) <= kept:
+                del table[oldest]
         # The blocks still ask for the transitions from their frames on.
         frames = [block.frame for block in (self.active, self.following) if block is not None]
-        oldest = min([bound, *frames, *(row.origin for row in self.rows)])
-        while self.first < oldest:
+        first = min([bound, *frames, *(row.origin for row in self.rows)])
+        while self.first < first:
             self.steps.popleft()
             self.first += 1
 
@@ -188,12 +189,13 @@ class Varying(Records):
         """All sums anew."""
         horizon, now = self.limits.horizon, self.now
         start = now - horizon - self.spread
-        tally = Tally(0, 0)
-        self.tallies = {start - 1: tally}
+        count = instants = 0
+        self.tallies = {start - 1: (0, 0)}
         for step in range(start, now + 1):
             rows = self.by_key.get(step, ()) if step > now - horizon else ()
-            alone = any(row.origin == step for row in rows)
-            tally = self.tallies[step] = Tally(tally.rows + len(rows), tally.instants + alone)
+            count += len(rows)
+            instants += any(row.origin == step for row in rows)
+            self.tallies[step] = count, instants
         self.following, block = None, self._block(now)
         for _ in range(horizon):
             self._lengthen(block)
@@ -204,7 +206,7 @@ class Varying(Records):
 
     def solve(self, limits: Limits, lag: int = 0, rows: object = None) -> Solution | None:
         """Least squares over the window; the reference solution for lags and where sums would not do."""
-        if lag or rows is not None or limits != self.limits:
+        if lag or rows is not None or (limits is not self.limits and limits != self.limits):
             return super().solve(limits, lag)
         x = self._from_sums()
         if x is None:
@@ -215,16 +217,16 @@ class Varying(Records):
             Covariance(_covariance, past),
             Covariance(_gain, past),
             Covariance(_newest, past),
-            self._tally().rows,
+            self._tally(0),
         )
 
-    def _tally(self) -> Tally:
-        now, then = self.tallies[self.now], self.tallies.get(self.now - self.limits.horizon)
-        return now if then is None else Tally(now.rows - then.rows, now.instants - then.instants)
+    def _tally(self, which: int) -> int:
+        tallies, before = self.tallies, self.now - self.limits.horizon
+        return tallies[self.now][which] - (tallies[before][which] if before in tallies else 0)
 
     def _enough(self, wanted: int) -> bool:
         """Whether the window holds rows of so many origins."""
-        if self._tally().instants >= wanted:
+        if self._tally(1) >= wanted:
             return True
         window = range(self.now, self.now - self.limits.horizon, -1)
         return len({row.origin for key in window for row in self.by_key.get(key, ())}) >= wanted
@@ -239,27 +241,12 @@ class Varying(Records):
         total, ahead = block.window(bound)
         Lam, Phi, flat = total[:-1, :-1], ahead[:-1, :-1], ahead.ravel()
         factor, solution, info = cholesky_solver()(Lam, total[:-1, -1])
-        if info or not _strong(factor, Lam):
+        if info or not well_scaled(factor, Lam, WEAK_PIVOT**2):
             return None
         if flat.dot(flat) > GROWTH**2 and np.vdot(Phi, Phi) > GROWTH**2:
             return None
         x: Array = ahead[:-1, -1] - Phi.dot(solution)
         return x
-
-
-class Tally(NamedTuple):
-    """Counts: rows, and steps that brought one of their own (at least so many instants)."""
-
-    rows: int
-    instants: int
-
-
-def _strong(factor: Array, Lam: Array) -> bool:
-    """Whether no pivot of the Cholesky factor is small beside its diagonal entry: scaling changes nothing."""
-    for pivot, entry in zip(factor.diagonal().tolist(), Lam.diagonal().tolist(), strict=True):
-        if pivot * pivot < WEAK_PIVOT**2 * entry:
-            return False
-    return True
 
 
 class Past(NamedTuple):

@@ -21,12 +21,15 @@ class Live:
     frozen value at the next verb, only while somebody else may still hold it.
     """
 
-    __slots__ = ("_check", "_handed", "value")
+    __slots__ = ("_check", "_handed", "_raw", "value")
 
     def __init__(self, value: Array, check: Callable[[Any], Array]) -> None:
         self._check = check
         self._handed: Array | None = None
-        self.value = readonly(value)
+        self._adopt(value)
+
+    def _adopt(self, value: Array) -> None:
+        self.value, self._raw = readonly(value), value.tobytes()
 
     def hand_out(self) -> Array:
         """The client's editable array; edits count from the next verb on."""
@@ -41,9 +44,9 @@ class Live:
         array = self._check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self._handed = value if same and value.flags.writeable else None
-        if array.shape == self.value.shape and array.tobytes() == self.value.tobytes():
+        if array.shape == self.value.shape and array.tobytes() == self._raw:
             return False
-        self.value = readonly(array)
+        self._adopt(array)
         return True
 
     def known(self, value: Any) -> Array | None:
@@ -51,8 +54,8 @@ class Live:
         identity.
         """
         own = self.value
-        if value.__class__ is np.ndarray and value.shape == own.shape and value.dtype == own.dtype:
-            return own if value.tobytes() == own.tobytes() else None
+        if value.__class__ is np.ndarray and value.tobytes() == self._raw:
+            return own if value.shape == own.shape and value.dtype == own.dtype else None
         return None
 
     def taken(self, value: Any) -> Array:
@@ -65,13 +68,13 @@ class Live:
         handed = self._handed
         if handed is None:
             return False
-        if handed.tobytes() == self.value.tobytes():
+        if handed.tobytes() == self._raw:
             # Whoever holds a view holds its base: an array that is a view itself can be edited behind our
             # back.
             if handed.base is None and sys.getrefcount(handed) <= _ALONE:
                 self._handed = None
             return False
-        self.value = readonly(self._check(handed))
+        self._adopt(self._check(handed))
         return True
 
     @property
