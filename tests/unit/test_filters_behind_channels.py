@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -198,6 +200,15 @@ def test_a_time_stamped_channel_leaves_the_hot_path_open(make):
         f.predict()
         f.update(float(n))
     assert f._state.mode
+
+
+def test_a_filter_without_a_channel_loads_neither_channels_nor_scipy():
+    script = (
+        "import sys; from ufirext import UFIRFilter; f = UFIRFilter(2, 1); "
+        "print({'scipy', 'ufirext.channels', 'ufirext.filters.kalman'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "set()"
 
 
 # -- duplicates --------------------------------------------------------------------------

@@ -34,10 +34,6 @@ class ChannelState(FilterState):
 
     channel: Channel
 
-    def behind(self, channel: Channel) -> None:
-        """Take measurements from this channel, from the first one on."""
-        self.channel = channel
-
 
 class StampedRows(ChannelState):
     """Measurements with time stamps: delays are checked, and duplicates dropped and counted."""

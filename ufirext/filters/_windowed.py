@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from ..channels import Channel
-from ._channel_rows import ChannelState
 from ._hot import HotFilter
+
+if TYPE_CHECKING:
+    from ..channels import Channel
 
 
 class Windowed(Protocol):
@@ -26,8 +27,7 @@ class WindowFilter(HotFilter):
     @property
     def channel(self) -> Channel | None:
         """What the network does to measurements, None where nothing was said."""
-        state = self._state
-        return state.channel if isinstance(state, ChannelState) else None
+        return getattr(self._state, "channel", None)
 
     @property
     def max_delay(self) -> int | None:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .._arrays import Array, integer
 from ..channels import Channel
 from ._arguments import checked_channel
-from ._channel_states import fms_state
+from ._channel_fms import fms_state
 from ._describe import describe
 from ._fms_state import FMSState
 from ._windowed import WindowFilter

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
-from ..channels import Channel
 from ..errors import UfirextError
 from ._arguments import checked_channel
-from ._channel_states import ufir_state, with_policy
 from ._describe import describe
+from ._policy import new_state, with_policy
 from ._ufir_state import MISSING, WINDOWS, UFIRState, checked_horizon
 from ._windowed import WindowFilter
+
+if TYPE_CHECKING:
+    from ..channels import Channel
 
 __all__ = ["UFIRFilter"]
 
@@ -101,7 +103,7 @@ class UFIRFilter(WindowFilter):
             if value not in allowed:
                 raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
         channel = checked_channel(channel, max_delay)
-        state = ufir_state(dim_x, dim_z, checked_horizon(horizon), missing, window, channel)
+        state = new_state(dim_x, dim_z, checked_horizon(horizon), missing, window, channel)
         super().__init__(dim_x, dim_z, dim_u, state)
 
     @classmethod
