@@ -335,6 +335,12 @@ def test_a_singular_transition_behind_an_averaging_channel_names_the_way_without
     assert_allclose(f.x, x)
 
 
+@pytest.mark.parametrize("make", [ufir, fms])
+def test_a_gain_that_changes_with_every_row_is_not_certified(make):
+    with pytest.raises(UfirextError, match="must be the same at every step, behind BernoulliDelay"):
+        configured(make, channel=BernoulliDelay(0.7)).certify()
+
+
 @windowed
 @every_channel
 def test_the_first_update_may_come_before_the_first_predict(make, channel):

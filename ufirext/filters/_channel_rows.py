@@ -205,6 +205,7 @@ class EffectiveRows(AveragedRows, CorrelatedWindow):
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
         n, step = self.dim_x, self.step
+        self.wide = self.correlation = None
         if H.shape[1] == n or step is None:
             return super()._absorb(z, H, R, delay, cross)
         G = through_inverse(H[:, n:], step.F)

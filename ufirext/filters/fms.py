@@ -228,9 +228,7 @@ class FMSFilterSmoother(WindowFilter):
         from ..certificates import certify
         from ..minimum_variance import minimum_variance_gain
 
-        state = self._state
-        state.settle()
-        model = state.model()
+        state, model = self._state, self._model_to_certify()
         return certify(minimum_variance_gain(model, state.horizon, state.lag), model, **options)
 
     def __repr__(self) -> str:

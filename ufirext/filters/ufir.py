@@ -67,7 +67,9 @@ class UFIRFilter(WindowFilter):
     -----
     Until the rows determine the state the filter is the Kalman filter of x, P, Q, R; then `ready` is True and
     it is least squares over the growing window. Shmaliy, "An iterative Kalman-like algorithm ignoring noise
-    and initial conditions", IEEE TSP 59(6), 2011, in batch form.
+    and initial conditions", IEEE TSP 59(6), 2011, in batch form. Behind a channel without time stamps every
+    measurement is a row with an H, an R and a correlation with the process noise that are worked out from
+    x_prior and P_prior; P takes all three into account.
 
     Examples
     --------
@@ -213,9 +215,7 @@ class UFIRFilter(WindowFilter):
         from ..certificates import certify
         from ..gains import ufir_gain
 
-        horizon, state = self.horizon, self._state
-        state.settle()
-        model = state.model()
+        horizon, model = self.horizon, self._model_to_certify()
         if horizon is None:
             raise UfirextError(
                 "a gain to certify needs a horizon: give one, or a model that determines the state"
