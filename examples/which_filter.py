@@ -2,7 +2,7 @@
 Which filter? A table of measured errors
 ========================================
 
-One plant, one axis of constant velocity, and eight ways in which the world can disagree with the
+One plant, one axis of constant velocity, and nine ways in which the world can disagree with the
 model. Every filter sees the same measurements. Nothing is tuned to a scenario: each filter is
 given the Q and R of the first row of the table, in the rows "Q too small" and "Q too large" ones
 that are wrong by a factor of a hundred.
@@ -40,6 +40,7 @@ class Scenario:
     told: float = 1.0  # the filters' Q, as a factor on the true one
     push: float = 0.0  # m/s, added to the speed at step 80
     outliers: float = 0.0  # share of measurements with ten times the noise
+    gate: float = np.inf  # standard deviations of the innovation beyond which one is left out
     noise: float = 1.0  # true standard deviation of the measurements, as a factor
     channel: TimeStamped = field(default_factory=lambda: TimeStamped(0))
 
@@ -51,6 +52,7 @@ SCENARIOS = (
     Scenario("pushed once by 3 m/s", push=3.0),
     Scenario("noise twice as large", noise=2.0),
     Scenario("outliers, 5 %", outliers=0.05),
+    Scenario("the same, gated", outliers=0.05, gate=4.0),
     Scenario("lost, 30 %", channel=TimeStamped(0, loss=0.3)),
     Scenario("late by 0 to 4 steps", channel=TimeStamped(4)),
 )
@@ -87,14 +89,22 @@ def simulated(scenario: Scenario, rng: np.random.Generator) -> tuple[Array, list
     return truth, scenario.channel.sample(rng, zs[:, None])
 
 
-def errors(f: object, truth: Array, arrivals: list) -> Array:
+def believable(f: object, z: Array, gate: float) -> bool:
+    """Whether a measurement is where the filter expects it, within `gate` standard deviations."""
+    innovation = z - f.H @ f.x.ravel()
+    spread = f.H @ f.P @ f.H.T + f.R
+    return bool(innovation @ np.linalg.solve(spread, innovation) <= gate**2)
+
+
+def errors(f: object, truth: Array, arrivals: list, gate: float = np.inf) -> Array:
     """Errors of the position; filterpy's filter takes a late measurement as new."""
     takes_late = not isinstance(f, KalmanFilter)
     found = []
     for position, packets in zip(truth, arrivals, strict=True):
         f.predict()
         for packet in packets:
-            f.update(packet.z, delay=packet.delay) if takes_late else f.update(packet.z)
+            if np.isinf(gate) or believable(f, packet.z, gate):
+                f.update(packet.z, delay=packet.delay) if takes_late else f.update(packet.z)
         found.append(f.x[0, 0] - position)
     return np.array(found[SETTLED:])
 
@@ -107,7 +117,9 @@ def measured(scenarios=SCENARIOS, runs: int = RUNS) -> dict[str, dict[str, tuple
         for rng in np.random.default_rng(0).spawn(runs):
             truth, arrivals = simulated(scenario, rng)
             for name, f in filters(scenario.told).items():
-                squares.setdefault(name, []).append(float(np.mean(errors(f, truth, arrivals) ** 2)))
+                squares.setdefault(name, []).append(
+                    float(np.mean(errors(f, truth, arrivals, scenario.gate) ** 2))
+                )
         table[scenario.name] = {
             name: (
                 np.sqrt(np.mean(of)),

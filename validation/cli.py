@@ -40,7 +40,9 @@ def validate(
         int | None,
         typer.Option(min=1, help="Processes, default one a core; numbers do not depend on it."),
     ] = None,
-    keep: Annotated[bool, typer.Option(help="Keep the results: drift is shown against them.")] = False,
+    keep: Annotated[
+        bool, typer.Option(help="Keep the results: drift is shown against what is kept.")
+    ] = False,
 ) -> None:
     """Reproduce every table and figure of the four papers, claim by claim.
 
@@ -57,8 +59,6 @@ def validate(
         return
     if quick and full:
         raise typer.BadParameter("--quick and --full exclude each other")
-    if keep and only:
-        raise typer.BadParameter("--keep keeps the results of all items; leave --only out")
     mode: Mode = "full" if full else "quick"
     results = _run(items, mode, jobs or os.cpu_count() or 1, console)
     before, summary = kept(mode), Summary.of(results, mode)
@@ -68,7 +68,7 @@ def validate(
     for page in pages:
         console.print(f"Report: {page}", soft_wrap=True, highlight=False)
     if keep:
-        _keep(summary)
+        _keep(summary, before)
     raise typer.Exit(int(any(result.fails for result in results)))
 
 
@@ -90,12 +90,21 @@ def docs(page: Annotated[Path, typer.Option(help="The page to write.")] = DOCS) 
     _console().print(f"Wrote {page}", highlight=False)
 
 
-def _keep(summary: Summary) -> None:
-    """Write what later runs are held against: all claims, and none that fails."""
+def _keep(summary: Summary, before: Summary | None) -> None:
+    """Write what later runs are held against: claims that were run, and none that fails.
+
+    Items that did not run now keep the results they have, if those are of the same versions.
+    """
     lacking = [c.key for c in summary.claims if c.verdict.fails or c.verdict is Verdict.CANNOT_RUN]
     if lacking:
         raise typer.BadParameter(f"not kept, for these fail or cannot be run: {', '.join(lacking)}")
-    write(summary, KEPT / f"{summary.mode}.json")
+    items = [item.id for item in all_items()]
+    others = [name for name in items if name not in summary.seconds]
+    if others and before is not None and before.versions != summary.versions:
+        raise typer.BadParameter(
+            "not kept: what is kept has other versions, so keep all items; leave --only out"
+        )
+    write(summary if before is None else before.updated(summary, items), KEPT / f"{summary.mode}.json")
 
 
 def main() -> None:

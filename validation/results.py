@@ -6,7 +6,7 @@ import json
 import math
 import platform
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -59,6 +59,14 @@ class Summary:
         seconds = {result.item.id: round(result.seconds, 2) for result in results}
         claims = [claim for result in results for claim in result.outcome.claims]
         return cls(mode, SEED, date.today().isoformat(), versions(), seconds, claims)
+
+    def updated(self, newer: Summary, items: Sequence[str]) -> Summary:
+        """These results with the items of `newer` in place of theirs, in the order of `items`, no others."""
+        source = {name: newer if name in newer.seconds else self for name in items}
+        found = {name: summary for name, summary in source.items() if name in summary.seconds}
+        claims = [c for name, summary in found.items() for c in summary.claims if c.item == name]
+        seconds = {name: summary.seconds[name] for name, summary in found.items()}
+        return replace(newer, seconds=seconds, claims=claims)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Score(NamedTuple):
         return math.hypot(self.error, self.single)
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} ± {self.error:.1g}" if math.isfinite(self.value) else "diverges"
+        return f"{self.value:.3g} ± {self.error:.1g}" if math.isfinite(self.value) else "∞"
 
 
 def squares(estimates: Array, truth: Array, axis: int | None = 1) -> Array:

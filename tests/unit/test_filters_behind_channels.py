@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -200,6 +202,15 @@ def test_a_time_stamped_channel_leaves_the_hot_path_open(make):
     assert f._state.mode
 
 
+def test_a_filter_without_a_channel_loads_neither_channels_nor_scipy():
+    script = (
+        "import sys; from ufirext import UFIRFilter; f = UFIRFilter(2, 1); "
+        "print({'scipy', 'ufirext.channels', 'ufirext.filters.kalman'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "set()"
+
+
 # -- duplicates --------------------------------------------------------------------------
 
 
@@ -322,6 +333,12 @@ def test_a_singular_transition_behind_an_averaging_channel_names_the_way_without
     with pytest.raises(UfirextError, match=r"F must be invertible .* augmented"):
         f.update(1.0)
     assert_allclose(f.x, x)
+
+
+@pytest.mark.parametrize("make", [ufir, fms])
+def test_a_gain_that_changes_with_every_row_is_not_certified(make):
+    with pytest.raises(UfirextError, match="must be the same at every step, behind BernoulliDelay"):
+        configured(make, channel=BernoulliDelay(0.7)).certify()
 
 
 @windowed

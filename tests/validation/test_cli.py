@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from tests.validation.items import claim, good, item
+from tests.validation.items import claim, good, item, renamed
 from validation import cli
 from validation.claims import Verdict
 from validation.item import Item, Outcome
@@ -66,6 +67,29 @@ def test_what_fails_is_not_kept(only: list[Item], tmp_path: Path) -> None:
     assert not (tmp_path / "kept").exists()
 
 
+def test_some_items_are_kept_beside_the_others(only: list[Item], tmp_path: Path) -> None:
+    only += [item(good), item(partial(renamed, "s3-other"), name="s3-other")]
+    arguments = ["--out", str(tmp_path), "--jobs", "1", "--keep"]
+    assert RUN.invoke(cli.app, arguments).exit_code == 0
+    only[0] = item(lambda study: Outcome([claim("a", 1.0)]), claims=["a"])
+    assert RUN.invoke(cli.app, [*arguments, "--only", "s3-try"]).exit_code == 0
+    found = read(tmp_path / "kept" / "quick.json")
+    assert [c.key for c in found.claims] == ["s3-try: a", "s3-other: a", "s3-other: b"]
+    assert list(found.seconds) == ["s3-try", "s3-other"]
+
+
+def test_results_of_other_versions_are_not_mixed(
+    only: list[Item], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    only += [item(good), item(partial(renamed, "s3-other"), name="s3-other")]
+    arguments = ["--out", str(tmp_path), "--jobs", "1", "--keep"]
+    RUN.invoke(cli.app, arguments)
+    monkeypatch.setattr("validation.results.versions", lambda: {"python": "0"})
+    found = RUN.invoke(cli.app, [*arguments, "--only", "s3-try"], env={"COLUMNS": "200"})
+    assert found.exit_code == 2
+    assert "other versions" in found.output
+
+
 def test_the_documentation_is_written_from_what_is_kept(only: list[Item], tmp_path: Path) -> None:
     only.append(item(good))
     page = tmp_path / "validation.md"
@@ -80,7 +104,6 @@ def test_the_documentation_is_written_from_what_is_kept(only: list[Item], tmp_pa
     [
         (["--only", "nothing"], "no item matches nothing"),
         (["--quick", "--full"], "exclude each other"),
-        (["--only", "s3-try", "--keep"], "leave --only out"),
         (["--jobs", "0"], "jobs"),
         (["explain", "nothing"], "no item matches nothing"),
     ],

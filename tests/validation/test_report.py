@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from tests.validation.items import claim, crashing, good, item
+from tests.validation.items import claim, crashing, item, renamed
 from validation.claims import AtMost, Claim, Tolerance, absolute, printed, relative, sampling
 from validation.figures import INK, new_figure
 from validation.item import Outcome
@@ -38,12 +38,6 @@ def mixed(study: Study) -> Outcome:
 def results() -> list[Result]:
     runs = {"s3-try": mixed, "s3-good": partial(renamed, "s3-good"), "s3-bad": crashing}
     return [run_item(item(run, name=name), Study(name)) for name, run in runs.items()]
-
-
-def renamed(name: str, study: Study) -> Outcome:
-    found = good(study)
-    claims = [claim(c.name, c.ours, item=name) for c in found.claims]
-    return Outcome(claims, found.tables, notes=found.notes)
 
 
 def written(folder: Path) -> tuple[str, str]:

@@ -96,7 +96,8 @@ class StampedLoss(_Stamped):
     """At each step the newest measurement, or the one before it, or nothing, and the stamp says which.
 
     Equation (3) of Uribe-Murcia et al. (2022). A measurement that was received already comes with the same
-    noise: it is a duplicate and is dropped.
+    noise: it is a duplicate and is dropped. Several sensors of one step are one measurement: give them in one
+    call, with stacked H and R.
 
     Parameters
     ----------

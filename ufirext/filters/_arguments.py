@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, column, integer, matrix, real
-from ..channels import Channel, TimeStamped
 from ..errors import NonFiniteError, UfirextError
+
+if TYPE_CHECKING:
+    from ..channels import Channel
 
 
 def measurement(z: ArrayLike | None, m: int) -> Array | None:
@@ -39,8 +43,12 @@ def input_vector(u: ArrayLike, size: int) -> Array:
 
 def checked_channel(channel: Channel | None, max_delay: int | None) -> Channel | None:
     """The channel, or the time-stamped one that `max_delay` is short for; both together are refused."""
+    if channel is None and max_delay is None:
+        return None
+    from ..channels import Channel, TimeStamped
+
     if channel is None:
-        return None if max_delay is None else TimeStamped(integer(max_delay, "max_delay", 0))
+        return TimeStamped(integer(max_delay, "max_delay", 0))
     if not isinstance(channel, Channel):
         raise UfirextError(f"channel must be a Channel such as TimeStamped(3), got {channel!r}")
     if max_delay is not None:
@@ -53,5 +61,7 @@ def checked_channel(channel: Channel | None, max_delay: int | None) -> Channel |
 
 def late_channel(channel: Channel | None, max_delay: int) -> Channel:
     """The channel of a filter that always has one; a max_delay of 0 beside a channel was not given."""
+    from ..channels import TimeStamped
+
     given = None if channel is not None and max_delay == 0 else max_delay
     return checked_channel(channel, given) or TimeStamped()

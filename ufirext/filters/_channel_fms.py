@@ -1,22 +1,29 @@
-"""Minimum variance over a window of measurements that are one step late with a known probability."""
+"""The state objects of an FMSFilterSmoother behind a channel."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from .._arrays import Array, symmetric
+from ..channels import Channel
 from ..engines.covariance import Covariance
 from ..engines.pairs import PairRing
 from ..engines.records import Limits, Step
 from ..engines.segmented import Segmented
 from ..recursions.augmented import Lifted
 from ..window import Row, whitener
-from ._channel_rows import AveragedRows
+from ._channel_rows import AveragedRows, StampedRows
 from ._fms_state import FMSState, check_weight
 
 
+class StampedFMSState(StampedRows, FMSState):
+    """Measurements with time stamps."""
+
+
 class AveragedFMSState(AveragedRows, FMSState):
-    """Each measurement as a row of the state before, its noise made free of the process noise.
+    """Measurements that are one step late with a known probability.
+
+    Each measurement as a row of the state before, its noise made free of the process noise.
 
     z = A x_n + B x_{n-1} + e and x_n = F x_{n-1} + u + w give a row of x_{n-1} with the noise A w + e. With
     T = Q A' (A Q A' + cov e)^-1 the rest w - T (A w + e) of the process noise is uncorrelated with it, and
@@ -78,3 +85,13 @@ def decorrelated(folds: Segmented, z: Array, H: Array, R: Array) -> tuple[Step, 
 def _total_gain(gain: Covariance, T: Array) -> Array:
     """The measurement acts as a row, and as a known input of the last step."""
     return np.asarray(gain.value + T)
+
+
+def fms_state(dim_x: int, dim_z: int, horizon: int, lag: int, channel: Channel | None) -> FMSState:
+    """The state object of a new filter."""
+    if channel is None:
+        return FMSState(dim_x, dim_z, horizon, lag)
+    kind = StampedFMSState if channel.stamped else AveragedFMSState
+    state = kind(dim_x, dim_z, horizon, lag)
+    state.channel = channel
+    return state

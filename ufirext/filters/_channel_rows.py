@@ -34,10 +34,6 @@ class ChannelState(FilterState):
 
     channel: Channel
 
-    def behind(self, channel: Channel) -> None:
-        """Take measurements from this channel, from the first one on."""
-        self.channel = channel
-
 
 class StampedRows(ChannelState):
     """Measurements with time stamps: delays are checked, and duplicates dropped and counted."""
@@ -209,6 +205,7 @@ class EffectiveRows(AveragedRows, CorrelatedWindow):
 
     def _absorb(self, z: Array, H: Array, R: Array, delay: int, cross: Array | None) -> Covariance | None:
         n, step = self.dim_x, self.step
+        self.wide = self.correlation = None
         if H.shape[1] == n or step is None:
             return super()._absorb(z, H, R, delay, cross)
         G = through_inverse(H[:, n:], step.F)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from ..channels import Channel
-from ._channel_rows import ChannelState
+from ..errors import UfirextError
+from ..model import Model
 from ._hot import HotFilter
+
+if TYPE_CHECKING:
+    from ..channels import Channel
 
 
 class Windowed(Protocol):
@@ -26,13 +29,23 @@ class WindowFilter(HotFilter):
     @property
     def channel(self) -> Channel | None:
         """What the network does to measurements, None where nothing was said."""
-        state = self._state
-        return state.channel if isinstance(state, ChannelState) else None
+        return getattr(self._state, "channel", None)
 
     @property
     def max_delay(self) -> int | None:
         """The oldest measurement that can come, in steps; None without a channel."""
         return None if self.channel is None else self.channel.max_delay
+
+    def _model_to_certify(self) -> Model:
+        """The model, where the gain of a full window is one and the same at every step."""
+        channel = self.channel
+        if channel is not None and not channel.stamped and channel.max_delay:
+            raise UfirextError(
+                f"a gain to certify must be the same at every step, behind {channel} each row is another; "
+                "certify a filter without a channel, or with time stamps"
+            )
+        self._state.settle()
+        return self._state.model()
 
     @property
     def ready(self) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .._arrays import Array, integer
 from ..channels import Channel
 from ._arguments import checked_channel
-from ._channel_states import fms_state
+from ._channel_fms import fms_state
 from ._describe import describe
 from ._fms_state import FMSState
 from ._windowed import WindowFilter
@@ -228,9 +228,7 @@ class FMSFilterSmoother(WindowFilter):
         from ..certificates import certify
         from ..minimum_variance import minimum_variance_gain
 
-        state = self._state
-        state.settle()
-        model = state.model()
+        state, model = self._state, self._model_to_certify()
         return certify(minimum_variance_gain(model, state.horizon, state.lag), model, **options)
 
     def __repr__(self) -> str:

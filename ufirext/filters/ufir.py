@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
-from ..channels import Channel
 from ..errors import UfirextError
 from ._arguments import checked_channel
-from ._channel_states import ufir_state, with_policy
 from ._describe import describe
+from ._policy import new_state, with_policy
 from ._ufir_state import MISSING, WINDOWS, UFIRState, checked_horizon
 from ._windowed import WindowFilter
+
+if TYPE_CHECKING:
+    from ..channels import Channel
 
 __all__ = ["UFIRFilter"]
 
@@ -65,7 +67,9 @@ class UFIRFilter(WindowFilter):
     -----
     Until the rows determine the state the filter is the Kalman filter of x, P, Q, R; then `ready` is True and
     it is least squares over the growing window. Shmaliy, "An iterative Kalman-like algorithm ignoring noise
-    and initial conditions", IEEE TSP 59(6), 2011, in batch form.
+    and initial conditions", IEEE TSP 59(6), 2011, in batch form. Behind a channel without time stamps every
+    measurement is a row with an H, an R and a correlation with the process noise that are worked out from
+    x_prior and P_prior; P takes all three into account.
 
     Examples
     --------
@@ -101,7 +105,7 @@ class UFIRFilter(WindowFilter):
             if value not in allowed:
                 raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
         channel = checked_channel(channel, max_delay)
-        state = ufir_state(dim_x, dim_z, checked_horizon(horizon), missing, window, channel)
+        state = new_state(dim_x, dim_z, checked_horizon(horizon), missing, window, channel)
         super().__init__(dim_x, dim_z, dim_u, state)
 
     @classmethod
@@ -211,9 +215,7 @@ class UFIRFilter(WindowFilter):
         from ..certificates import certify
         from ..gains import ufir_gain
 
-        horizon, state = self.horizon, self._state
-        state.settle()
-        model = state.model()
+        horizon, model = self.horizon, self._model_to_certify()
         if horizon is None:
             raise UfirextError(
                 "a gain to certify needs a horizon: give one, or a model that determines the state"

@@ -127,15 +127,30 @@ def as_per_step(given: Mapping[str, ArrayLike | None], model: Model, steps: int)
         if values is None:
             result[name] = None
             continue
-        own = getattr(model, name)
         filled: Any = values
         if not isinstance(values, np.ndarray):
-            filled = [own if value is None else value for value in filled]
-        result[name] = matrix(filled, (steps, *shapes[name]), f"{name}s", f"(T, {', '.join(_SIZES[name])})")
-    for name in ("Q", "R"):
-        for step, value in enumerate(() if result[name] is None else result[name]):  # type: ignore[arg-type]
-            check_covariance(value, f"{name}s[{step}]")
+            filled = [getattr(model, name) if value is None else value for value in filled]
+        wanted = (steps, *shapes[name])
+        if isinstance(values, np.ndarray) and values.dtype == float and values.shape == wanted:
+            found = finite(values, f"{name}s")
+        else:
+            found = matrix(filled, wanted, f"{name}s", f"(T, {', '.join(_SIZES[name])})")
+        if name in "QR":
+            _check_covariances(found, f"{name}s")
+        result[name] = found
     return result
+
+
+def _check_covariances(P: Array, name: str) -> None:
+    """Raise unless every one of P (T, n, n) is symmetric and positive semidefinite."""
+    n = P.shape[1]
+    diagonal = np.einsum("tii->ti", P)
+    plain = (diagonal >= 0.0).all(axis=1)
+    if n > 1:
+        others = np.abs(P).sum(axis=(1, 2)) - np.abs(diagonal).sum(axis=1)
+        plain &= others == 0.0
+    for step in np.flatnonzero(~plain).tolist():
+        check_covariance(P[step], f"{name}[{step}]")
 
 
 _SIZES = {

@@ -52,13 +52,13 @@ class Rows:
         """G of a step; before the series the first transition without inputs."""
         if number >= 0:
             return np.asarray(self.G[number])
-        first = self.G[0].copy()
+        first = np.array(self.G[0])
         first[:-1, -1] = 0.0
         return first
 
     def steps(self, numbers: NDArray[np.int64]) -> Array:
         """The same for many."""
-        chosen: Array = self.G[np.maximum(numbers, 0)]
+        chosen = np.asarray(self.G[np.maximum(numbers, 0)])
         chosen[numbers < 0, :-1, -1] = 0.0
         return chosen
 
@@ -110,7 +110,7 @@ def _whiteners(request: Request, present: Mask) -> Array | None:
     """W with W R W' = I on the components present, zero elsewhere; None where an R is nearly singular."""
     m = request.model.dim_z
     if request.per_step.R is None and present.all():
-        return np.asarray(whitener(request.model.R)[None])
+        return whitener(request.model.R).reshape(1, m, m)
     R = np.broadcast_to(
         request.model.R if request.per_step.R is None else request.per_step.R, (len(present), m, m)
     )
@@ -119,8 +119,8 @@ def _whiteners(request: Request, present: Mask) -> Array | None:
     if (scale[present] <= 0.0).any():
         return None
     unit = 1.0 / np.where(scale > 0.0, scale, 1.0)
-    if m == 1:
-        return np.where(kept, unit[:, :, None], 0.0)
+    if np.count_nonzero(R) == np.count_nonzero(scale):
+        return np.where(present, unit, 0.0)[:, :, None] * np.eye(m)
     alike = np.where(kept, R, np.eye(m)) * np.where(kept, unit[:, :, None] * unit[:, None, :], 1.0)
     if np.linalg.eigvalsh(alike).min(initial=1.0) <= R_FLOOR * m:
         return None

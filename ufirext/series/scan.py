@@ -27,6 +27,8 @@ __all__ = ["Scan"]
 WEAK_PIVOT = 0.03
 # Numbers that a table of suffixes may hold.
 TABLE = 8_000_000
+# Matrices with so many rows are multiplied one by one, smaller ones entry by entry.
+WIDE = 6
 # Normal equations that are solved together.
 TOGETHER = 4096
 
@@ -53,10 +55,10 @@ class Scan(Windows):
         """All windows of the plain length, block by block."""
         sound = np.zeros_like(wanted)
         states = np.zeros((len(x), x.shape[1] + 1, 1))
+        states[:, -1] = 1.0
         G, A = self.rows.shifted()
-        spacing = self.limits.horizon - self.lag
-        size = G.shape[1]
-        blocks = max(4, TABLE // (self.limits.horizon * 2 * size * size))
+        spacing, n = self.limits.horizon - self.lag, x.shape[1]
+        blocks = max(4, TABLE // (self.limits.horizon * 2 * (n + 1) * n))
         for start in range(0, len(x), blocks * spacing):
             count = min(blocks, -(-(len(x) - start) // spacing))
             _scan(G, A, start, count, self.limits.horizon, self.lag, states, sound)
@@ -98,83 +100,154 @@ def _scan(
 ) -> None:
     """Windows that end in start + lag .. of `count` blocks: homogeneous states, and where they are good."""
     spacing = horizon - lag
-    first, stop = start - horizon + 1, start + (count - 1) * spacing + horizon
+    around = -(-horizon // spacing)  # blocks that windows of a block reach into, on either side
+    first, length = start - around * spacing, (count + 2 * around) * spacing
     # Outside the series nothing comes and nothing moves: windows begin with its first row.
-    moves = _around(G, first, stop, np.eye(G.shape[1]))
+    moves = _around(G, first, length, np.eye(G.shape[1]))
     if first <= 0:
         moves[-first] = np.eye(G.shape[1])
-    blocks = _Blocks(moves, _around(A, first, stop, np.zeros(A.shape[1:])), horizon - 1, count, spacing)
-    table = blocks.suffixes()
-    blocks.complete(table, lag)
-    # table[length, block] is the window that ends N - 1 - length after the block's boundary.
+    blocks = _Blocks(moves, _around(A, first, length, np.zeros(A.shape[1:])), around, count, spacing)
+    # [.., length, block] is the window that ends N - 1 - length after the block's boundary.
     ends = start + horizon - 1 - np.arange(spacing)[:, None] + spacing * np.arange(count)
-    _solve(table.reshape(-1, *table.shape[2:]), ends.reshape(-1), states, sound)
+    _solve(*blocks.windows(lag), ends.reshape(-1), states, sound)
 
 
-def _around(series: Array, first: int, stop: int, outside: Array) -> Array:
-    """series[first:stop], with `outside` before and after its ends."""
-    inner = series[max(first, 0) : max(stop, 0)]
-    whole = np.empty((stop - first, *outside.shape))
-    before = min(max(-first, 0), len(whole))
+def _around(series: Array, first: int, length: int, outside: Array) -> Array:
+    """series[first : first + length], with `outside` before and after its ends."""
+    inner = series[max(first, 0) : max(first + length, 0)]
+    whole = np.empty((length, *outside.shape))
+    before = min(max(-first, 0), length)
     whole[:before], whole[before + len(inner) :] = outside, outside
     whole[before : before + len(inner)] = inner
     return whole
 
 
-class _Blocks:
-    """Boundaries `origin` + j `spacing`, j < count, in series of moves (.., k, k) and rows (.., m, k)."""
+def _laid_out(*shape: int) -> Array:
+    """An array (rows, columns, ..): small matrices are spread over the batch, large ones are whole."""
+    if shape[1] < WIDE:
+        return np.empty(shape)
+    return np.empty((*shape[2:], *shape[:2])).transpose(-2, -1, *range(len(shape) - 2))
 
-    def __init__(self, moves: Array, rows: Array, origin: int, count: int, spacing: int) -> None:
-        self.moves, self.rows = moves, rows
-        self.origin, self.count, self.spacing = origin, count, spacing
+
+def _product(a: Array, b: Array) -> Array:
+    """Products of matrices (.., .., batch)."""
+    if b.shape[1] < WIDE:
+        return np.asarray(np.einsum("ikb,kjb->ijb", a, b))
+    return np.asarray((a.transpose(2, 0, 1) @ b.transpose(2, 0, 1)).transpose(1, 2, 0))
+
+
+def _gram(a: Array, b: Array) -> Array:
+    """a' b of matrices (.., .., batch)."""
+    return _product(a.transpose(1, 0, 2), b)
+
+
+class _Blocks:
+    """Blocks of `spacing` steps, `count` of them between `around` others on either side.
+
+    Steps of all blocks stand side by side on the last axis: (.., .., step in the block, block). Information
+    on a state is [Lam; eta'] (n + 1, n).
+    """
+
+    def __init__(self, moves: Array, rows: Array, around: int, count: int, spacing: int) -> None:
+        self.around, self.count, self.spacing = around, count, spacing
+        n = moves.shape[1] - 1
+        self.F = self._side_by_side(moves[:, :n, :n])
+        # Rows are [H, z]: information is what they have in common with H.
+        self.rows = self._side_by_side(rows)
+        self.rows[:, n] *= -1.0
+        inputs = moves[:, :n, n:]
+        self.b = self._side_by_side(inputs) if inputs.any() else None
+
+    def _side_by_side(self, series: Array) -> Array:
+        blocks = series.reshape(-1, self.spacing, *series.shape[1:]).transpose(2, 3, 1, 0)
+        laid_out = _laid_out(*blocks.shape)
+        laid_out[...] = blocks
+        return laid_out
 
     def at(self, series: Array, offset: int) -> Array:
-        """What the series has `offset` steps after every boundary."""
-        first = self.origin + offset
-        return series[first : first + (self.count - 1) * self.spacing + 1 : self.spacing]
+        """What the series has `offset` steps after every boundary, (.., .., count)."""
+        shift, place = divmod(offset, self.spacing)
+        first = self.around + shift
+        return series[:, :, place, first : first + self.count]
 
-    def suffixes(self) -> Array:
-        """(spacing, count, 2 k, k): information of the last rows before each boundary, and the way to it."""
-        k = self.moves.shape[1]
-        table = np.empty((self.spacing, self.count, 2 * k, k))
-        table[0, :, :k], table[0, :, k:] = 0.0, np.eye(k)
+    def windows(self, lag: int) -> tuple[Array, Array, Array]:
+        """Of all windows, flat on the last axis: information on the oldest state, and the way from it.
+
+        (n + 1, n, ..), (n, n, ..) and (n, 1, ..): the state wanted is way @ oldest + known.
+        """
+        n = len(self.F)
+        table = _laid_out(2 * n + 1, n, self.spacing, self.count)
+        known = np.zeros((n, 1, self.spacing, self.count))
+        self._suffixes(table, known)
+        self._complete(table, known, lag)
+        flat = [a.reshape(*a.shape[:2], -1) for a in (table[: n + 1], table[n + 1 :], known)]
+        return flat[0], flat[1], flat[2]
+
+    def _suffixes(self, table: Array, known: Array) -> None:
+        """Information [Lam; eta'; lead] of the last rows before each boundary, and the known part there."""
+        n = len(self.F)
+        table[: n + 1, :, 0], table[n + 1 :, :, 0] = 0.0, np.eye(n)[:, :, None]
         for length in range(1, self.spacing):
-            move, own = self.at(self.moves, 1 - length), self.at(self.rows, -length)
-            new = table[length]
-            np.matmul(table[length - 1], move, out=new)
-            new[:, :k] = move.transpose(0, 2, 1) @ new[:, :k]
-            new[:, :k] += own.transpose(0, 2, 1) @ own
-        return table
+            F, own = self.at(self.F, 1 - length), self.at(self.rows, -length)
+            before, after = table[:, :, length - 1], table[:, :, length]
+            if self.b is not None:
+                b = self.at(self.b, 1 - length)
+                known[:, :, length] = known[:, :, length - 1] + _product(before[n + 1 :], b)
+                before = before.copy()
+                before[n] -= _product(before[:n], b)[:, 0]
+            moved = _product(before, F)
+            after[n:] = moved[n:]
+            after[:n] = _gram(F, moved[:n])
+            after[: n + 1] += _gram(own, own[:, :n])
 
-    def complete(self, table: Array, lag: int) -> None:
-        """Suffixes become windows: normal equations of the oldest state, and the way to the one wanted."""
-        k, horizon = self.moves.shape[1], self.spacing + lag
-        ahead = np.broadcast_to(np.eye(k), (self.count, k, k))
-        information = np.zeros((self.count, k, k))
-        ways = deque([ahead], maxlen=lag + 1)
+    def _complete(self, table: Array, known: Array, lag: int) -> None:
+        """Suffixes become windows, a prefix after each; the way leads to the state wanted."""
+        n, horizon = len(self.F), self.spacing + lag
+        ahead = np.broadcast_to(np.eye(n)[:, :, None], (n, n, self.count))
+        path = np.zeros((n, 1, self.count))
+        information: Array = np.zeros((n + 1, n, self.count))
+        ways = deque([(ahead, path)], maxlen=lag + 1)
         for offset in range(horizon):
             if offset:
-                ahead = self.at(self.moves, offset) @ ahead
-                ways.append(ahead)
-            own = self.at(self.rows, offset) @ ahead
-            information += own.transpose(0, 2, 1) @ own
+                F = self.at(self.F, offset)
+                ahead = _product(F, ahead)
+                if self.b is not None:
+                    path = _product(F, path) + self.at(self.b, offset)
+                ways.append((ahead, path))
+            own = self.at(self.rows, offset)
+            seen = np.concatenate([_product(own[:, :n], ahead), own[:, n:]], axis=1)
+            if self.b is not None:
+                seen[:, n:] -= _product(own[:, :n], path)
+            information = information + _gram(seen, seen[:, :n])
             if offset >= lag:
-                window = table[horizon - 1 - offset]
-                lead = window[:, k:].copy()
-                window[:, :k] += lead.transpose(0, 2, 1) @ (information @ lead)
-                np.matmul(ways[0], lead, out=window[:, k:])
+                length = horizon - 1 - offset
+                self._join(table[:, :, length], known[:, :, length], information, *ways[0])
+
+    def _join(self, window: Array, known: Array, information: Array, way: Array, path: Array) -> None:
+        """A suffix and a prefix, in place."""
+        n = len(way)
+        lead = window[n + 1 :]
+        if self.b is not None:
+            information = information.copy()
+            information[n] -= _product(information[:n], known)[:, 0]
+            known[...] = _product(way, known) + path
+        moved = _product(information, lead)
+        window[:n] += _gram(lead, moved[:n])
+        window[n] += moved[n]
+        lead[...] = _product(way, lead)
 
 
-def _solve(windows: Array, ends: NDArray[np.int64], states: Array, sound: Mask) -> None:
-    """Homogeneous states of the windows (count, 2 k, k), put where they end."""
-    k = windows.shape[2]
-    n = k - 1
-    for start in range(0, len(windows), TOGETHER):
-        part, at = windows[start : start + TOGETHER], ends[start : start + TOGETHER]
-        normal = np.ascontiguousarray(part[:, :n].transpose(1, 2, 0))
-        solution, fine = positive_solution(normal[:, :n], -normal[:, n], WEAK_PIVOT)
+def _solve(
+    information: Array, way: Array, known: Array, ends: NDArray[np.int64], states: Array, sound: Mask
+) -> None:
+    """States of windows, put where they end."""
+    n = len(way)
+    for start in range(0, len(ends), TOGETHER):
+        part, at = slice(start, start + TOGETHER), ends[start : start + TOGETHER]
+        normal = np.ascontiguousarray(information[:, :, part])
+        solution, fine = positive_solution(normal[:n], normal[n], WEAK_PIVOT)
         fine &= at < len(states)
-        at = at[fine]
-        oldest = np.concatenate([solution.T[fine], np.ones((len(at), 1))], axis=1)
-        states[at] = part[fine, k:] @ oldest[:, :, None]
-        sound[at] = True
+        with np.errstate(over="ignore", invalid="ignore"):
+            reached = _product(way[:, :, part], solution[:, None])[:, 0] + known[:, 0, part]
+        states[at[fine], :n, 0] = reached[:, fine].T
+        sound[at[fine]] = True

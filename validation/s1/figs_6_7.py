@@ -69,10 +69,9 @@ def run(study: Study, network: int) -> Outcome:
     scores = {name: [rmse(one) for one in sweep] for name, sweep in sweeps.items()}
     scores |= {name: [rmse(one)] * len(BETAS) for name, one in flat.items()}
     shown = range(0, len(BETAS), 2)
-    rows = [[name, *(str(row[i]) for i in shown)] for name, row in scores.items()]
+    rows = [[f"{BETAS[i]:.2g}", *(str(row[i]) for row in scores.values())] for i in shown]
     title = f"y-RMSE, m, over {len(truths(found[DRIVES]))} runs with network ({network})"
-    columns = ("filter", *(f"β = {BETAS[i]:.2g}" for i in shown))
-    return Outcome(claims, [Table(title, columns, rows)], partial(draw, scores))
+    return Outcome(claims, [Table(title, ("β", *scores), rows)], partial(draw, scores))
 
 
 def _best(sweep: list[Array]) -> float:

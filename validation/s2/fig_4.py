@@ -146,8 +146,8 @@ def _crossing_table(study: Study, ours: tuple[float, float], expected: tuple[flo
 
 def _table(scores: dict[str, list[Score]], runs: int) -> Table:
     shown = range(0, len(BETAS), 4)
-    rows = [[name, *(str(row[i]) for i in shown)] for name, row in scores.items()]
-    return Table(f"y-RMSE, m, over {runs} runs", ("filter", *(f"β = {BETAS[i]:.3g}" for i in shown)), rows)
+    rows = [[f"{BETAS[i]:.3g}", *(str(row[i]) for row in scores.values())] for i in shown]
+    return Table(f"y-RMSE, m, over {runs} runs (∞: diverges)", ("β", *scores), rows)
 
 
 def draw(scores: dict[str, list[Score]], crossing: tuple[float, float]) -> Figure:

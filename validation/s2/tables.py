@@ -267,26 +267,13 @@ def theta_sweep(gamma: float, found: Cells) -> dict[str, Array]:
 def _table(found: Cells) -> Table:
     rows: list[list[str | float]] = []
     for gamma in GAMMAS:
-        row: list[str | float] = [f"{gamma:g}"]
         for name, reported in zip(FILTERS, PRINTED[found.beta][gamma], strict=True):
-            ours, expected = rmse(found.drawn[gamma][name]), rmse(found.expected[gamma][name])
-            row += [
-                f"{reported:.4f}" if math.isfinite(reported) else "diverges",
-                str(ours),
-                str(expected.value),
-            ]
-        rows.append([cell if i % 3 else _short(cell) for i, cell in enumerate(row)])
-    columns = ["γ assumed"]
-    for name in FILTERS:
-        columns += [f"{name}, paper", f"{name}, ours", "expected"]
-    return Table(
-        f"y-RMSE, m, β = {found.beta:g}, {len(found.scene.truth)} runs, θ = {THETA:g}", columns, rows
-    )
-
-
-def _short(cell: str | float) -> str:
-    number = float(cell)
-    return f"{number:.4g}" if math.isfinite(number) else "diverges"
+            ours, expected = rmse(found.drawn[gamma][name]), rmse(found.expected[gamma][name]).value
+            predicted = f"{expected:.4g}" if math.isfinite(expected) else "∞"
+            paper = f"{reported:.4f}" if math.isfinite(reported) else "diverges"
+            rows.append([f"{gamma:g}", name, paper, str(ours), predicted])
+    title = f"y-RMSE, m, β = {found.beta:g}, {len(found.scene.truth)} runs, θ = {THETA:g} (∞: diverges)"
+    return Table(title, ("γ assumed", "filter", "paper", "ours", "ours, by mean and covariance"), rows)
 
 
 def _mechanism(found: Cells, thetas: list[float]) -> Table:
