@@ -35,16 +35,22 @@ __all__ = [
 NOTHING, SOMETHING = 1e-14, 1e-8
 # A direction that is not seen must not reach the last state by more than this.
 REACH_TOLERANCE = 1e-8
+# Measurements so much better than predictions, as a ratio of variances, cost half of the digits.
+TRUSTED = 1e6
 
 
 class Segment(NamedTuple):
-    """x_end = A x_start + b + N(0, C) given the rows; the rows say eta = J x_start + N(0, J)."""
+    """x_end = A x_start + b + N(0, C) given the rows; the rows say eta = J x_start + N(0, J).
+
+    `loss` is the largest trace(C J) of the combinations it was made by: (I + C J)^-1 costs so many ulps.
+    """
 
     A: Array
     b: Array
     C: Array
     eta: Array
     J: Array
+    loss: float = 0.0
 
 
 def transition(F: Array, known: Array, Q: Array, eta: Array, J: Array) -> Segment:
@@ -66,10 +72,11 @@ def known_start(x: Array, P: Array) -> Segment:
 
 def combine(first: Segment, second: Segment) -> Segment:
     """The segment of both, one after the other; associative."""
-    A1, b1, C1, eta1, J1 = first
-    A2, b2, C2, eta2, J2 = second
+    A1, b1, C1, eta1, J1, loss1 = first
+    A2, b2, C2, eta2, J2, loss2 = second
+    loss = max(loss1, loss2, float(np.vdot(C1, J2)))
     if not J2.any():
-        return Segment(A2 @ A1, A2 @ b1 + b2, A2 @ C1 @ A2.T + C2, eta1, J1)
+        return Segment(A2 @ A1, A2 @ b1 + b2, A2 @ C1 @ A2.T + C2, eta1, J1, loss)
     # D = (I + C1 J2)^-1 on everything at once.
     DA, DC, Db = _shared(A1, C1, b1 + C1 @ eta2, J2)
     back = DA.T
@@ -79,6 +86,7 @@ def combine(first: Segment, second: Segment) -> Segment:
         A2 @ DC @ A2.T + C2,
         back @ (eta2 - J2 @ b1) + eta1,
         back @ J2 @ A1 + J1,
+        loss,
     )
 
 
@@ -94,7 +102,11 @@ def _shared(A: Array, C: Array, b: Array, J: Array) -> tuple[Array, Array, Array
 
 
 def estimate(whole: Segment) -> Array | None:
-    """Minimum-variance unbiased estimate of the last state; None where it is not clearly determined."""
+    """Minimum-variance unbiased estimate of the last state; None where it is not clearly determined, or where
+    too many digits were lost on the way.
+    """
+    if whole.loss > TRUSTED:
+        return None
     root = _inverse_root(whole.J, whole.A)
     return None if root is None else whole.A @ (root @ (root.T @ whole.eta)) + whole.b
 
@@ -108,13 +120,15 @@ def covariance(whole: Segment) -> Array:
     return symmetric(spread @ spread.T + whole.C)
 
 
-def split(first: Segment, second: Segment) -> tuple[Array, Array, Array] | None:
+def split(first: Segment, second: Segment, trusted: float = TRUSTED) -> tuple[Array, Array, Array] | None:
     """The state between two segments: estimate, covariance, E[(error of the last state) (its error)'].
 
     With xs = J^+ eta of both and D = (I + C1 J2)^-1: D (A1 xs + b1 + C1 eta2) and D A1 J^+ A1' D' + D C1.
     Given that state the rows of `first` say no more of the last one, so the cross-covariance is A2 P. None
-    where the rows do not clearly determine it.
+    where the rows do not clearly determine it, or too many digits were lost.
     """
+    if max(first.loss, second.loss, float(np.vdot(first.C, second.J))) > trusted:
+        return None
     DA, DC, Db = _shared(first.A, first.C, first.b + first.C @ second.eta, second.J)
     # Information of both, as `combine` has it.
     eta = DA.T @ (second.eta - second.J @ first.b) + first.eta

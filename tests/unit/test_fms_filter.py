@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.oracles import kalman_update, observability_index
 from tests.strategies import random_model, seeds
 from tests.theory.test_fms_gain import A, C, Q, R, tracking
-from ufirext import Model, kinematic
+from ufirext import DelayKalmanFilter, Model, kinematic
 from ufirext.engines.pairs import PairRing
 from ufirext.engines.segmented import Segmented
 from ufirext.errors import CovarianceError, HorizonError, UnobservableWindow
@@ -585,3 +585,24 @@ def test_an_unobservable_model_coasts_as_a_kalman_filter():
         np.testing.assert_allclose(f.x, x, rtol=1e-12)
         assert not f.ready
         assert np.isfinite(f.x_lag).all()
+
+
+def test_measurements_far_better_than_predictions_cost_no_digits_silently():
+    """Late rows of tiny R go through gains designed anew, not through folds that would lose their digits."""
+    rng = np.random.default_rng(0)
+    model = kinematic(1, 1, 1.0, q=1.0, r=1e-9)
+    window = FMSFilterSmoother(2, 1, horizon=9)
+    kalman = DelayKalmanFilter(2, 1, max_delay=5, method="augmented")
+    for f in (window, kalman):
+        f.F, f.H, f.Q, f.R = model.F, model.H, model.Q, model.R
+    worst = 0.0
+    for now in range(40):
+        delay, place = int(rng.integers(0, 5)), rng.random()
+        z = 3.0 * (now - delay + place) + np.sin(now - delay + place)
+        for f in (window, kalman):
+            f.predict()
+            if now >= delay:
+                f.update(z, H=[[1.0, place]], delay=delay)
+        if now > 20:
+            worst = max(worst, float(np.abs(window.x - kalman.x).max()))
+    assert worst < 2e-6

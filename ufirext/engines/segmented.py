@@ -232,7 +232,8 @@ class Segmented(Records):
         elif first is None:
             n = len(self.center)
             first = closing(np.zeros(n), np.zeros((n, n)))
-        found = split(first, second)
+        # A prior has no other way: it is what the filter was told.
+        found = split(first, second) if prior is None else split(first, second, np.inf)
         if found is None:
             return None if prior is not None else self._lagged_slowly(aim, end)
         return Lagged(self._reference(aim) + found[0], found[1], found[2])
