@@ -9,6 +9,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.append(str(HERE / "_extensions"))
 
+import numpydoc.xref  # noqa: E402
+
 import ufirext  # noqa: E402
 
 project = "ufirext"
@@ -44,6 +46,10 @@ autodoc_typehints = "none"  # the docstrings say types, shapes and units
 autodoc_preserve_defaults = True
 maximum_signature_line_length = 88
 numpydoc_show_class_members = False
+numpydoc_xref_param_type = True  # types in docstrings lead to the library's own names, and to no others
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {name: f"ufirext.{name}" for name in ufirext.__all__}
+numpydoc.xref.DEFAULT_LINKS.clear()
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "plain"
