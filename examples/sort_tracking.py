@@ -3,9 +3,9 @@ Boxes through a video: SORT
 ===========================
 
 SORT (:cite:t:`bewley2016`) follows boxes through a video with a Kalman filter for each. The
-implementation in ``sort_boxes.py``, beside this script in the repository, takes the class of the
-filter as an argument and does not know which one it runs. The state is centre, area, aspect ratio
-and the rates of the first three.
+implementation in :download:`sort_boxes.py <../../examples/sort_boxes.py>`, to be put beside this
+script, takes the class of the filter as an argument and does not know which one it runs. The
+state is centre, area, aspect ratio and the rates of the first three.
 
 The scene is made to be awkward: pedestrians walk at constant velocity, then turn back at once,
 and one detection in ten is missing. Pixels throughout.

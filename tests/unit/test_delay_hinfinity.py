@@ -153,6 +153,12 @@ def test_the_filter_computes_its_own_worst_case(form, delay):
     assert_allclose(f.x, x)
 
 
+def test_a_worst_case_of_rows_that_are_not_known_is_refused():
+    f = vehicle(theta=1e-3, channel=BernoulliDelay(0.8))
+    with pytest.raises(UfirextError, match="the coming rows must be known"):
+        f.worst_case_gain(5)
+
+
 # -- its neighbours ----------------------------------------------------------------------
 
 

@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 
 from tests.strategies import models, positive, seeds
 from tests.theory.delays import F1, H1, Q1, R1, World, constant_arrivals, random_arrivals
+from tests.theory.test_delay_kalman_recursions import TABLE
 from ufirext import Model
 from ufirext.channels import BernoulliDelay, CompensatedBernoulli, StampedLoss, TimeStamped
 from ufirext.errors import HorizonError, UfirextError
@@ -107,6 +108,30 @@ def test_the_baselines_are_worse_and_do_not_know_it(method):
     true = world.covariance(np.array(responses).T, steps)[0, 0]
     assert true > 1.04 * best.P[0, 0]
     assert f.P[0, 0] > 1.5 * true
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("delay", TABLE)
+def test_the_filter_errs_and_believes_as_the_table_says(delay, method):
+    """Constant delay: the gain of the class settles, and its true error follows from it."""
+    steps = 70 + 5 * delay
+    f = vehicle(max_delay=delay, method=method)
+    for step in range(1, steps + 1):
+        f.predict()
+        f.update(0.0 if step > delay else None, delay=delay if step > delay else 0)
+    true, believed = TABLE[delay][method]
+    assert np.sqrt(f.P[0, 0]) == pytest.approx(believed, rel=3e-3)
+    # e_n = (I - K Hb) F e_{n-1} + .. as one linear map of the disturbances, played to the settled filter.
+    world = World(F1, H1, Q1, R1, np.zeros((2, 2)), 40 + 3 * delay, constant_arrivals(40 + 3 * delay, delay))
+    last, estimate = 40 + 3 * delay, np.zeros_like(world.states[0])
+    Hb = H1 @ np.linalg.matrix_power(np.linalg.inv(F1), delay)
+    for step in range(1, last + 1):
+        estimate = F1 @ estimate
+        for i, arrival in enumerate(world.arrivals):
+            if arrival.step == step:
+                estimate = estimate + f.K @ (world.measured[i] - Hb @ estimate)
+    if method != "augmented":  # its K acts on the innovation of the older state
+        assert np.sqrt(world.covariance(estimate, last)[0, 0]) == pytest.approx(true, rel=1e-2)
 
 
 def test_smoothed_states_are_the_best_estimates_of_older_states():

@@ -261,7 +261,14 @@ class DelayHInfinityFilter(LateFilter):
         Raises
         ------
         ThetaTooLarge
+        UfirextError
+            Behind a channel without time stamps, whose rows depend on what is measured until then.
         """
+        if not self.channel.stamped and self.max_delay:
+            raise UfirextError(
+                f"the coming rows must be known, behind {self.channel} they depend on what is measured; "
+                "ask a filter with max_delay=1"
+            )
         state = copy.deepcopy(self._state)
         state.settle()
         return state.worst_case(integer(steps, "steps", 1), self.channel.check_delay(delay))
