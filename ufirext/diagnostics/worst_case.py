@@ -37,6 +37,14 @@ class WorstCase(NamedTuple):
     v: list[Array]
     errors: Array
 
+    def __repr__(self) -> str:
+        energy = float(np.vdot(self.w, self.w))
+        return (
+            f"WorstCase(gain={self.gain:.6g}, {len(self.w)} steps; "
+            f"|x0|^2 = {float(self.x0 @ self.x0):.3g}, sum |w|^2 = {energy:.3g}, "
+            f"sum |v|^2 = {sum(float(v @ v) for v in self.v):.3g})"
+        )
+
 
 def worst_case_gain(
     K: Sequence[ArrayLike],
