@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
+from typing import Any, TypeVar
 
 from validation.claims import Claim, Tolerance, Verdict
 from validation.item import CannotRun, Item, Outcome
-from validation.study import Mode, Study
+from validation.study import Mode, Study, Workers
 
-__all__ = ["Result", "chosen", "pool", "run_all", "run_item"]
+__all__ = ["Processes", "Result", "chosen", "pool", "run_all", "run_item"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -68,21 +72,49 @@ def chosen(items: Sequence[Item], patterns: Sequence[str]) -> list[Item]:
     return found
 
 
+class Processes:
+    """Processes that share runs; where one dies, its item fails and the next item gets new ones."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._executor: ProcessPoolExecutor | None = None
+
+    def map(self, call: Callable[[Any], T], values: Sequence[Any]) -> Iterator[T]:
+        """Results in the order of the values."""
+        if self._executor is None:
+            # Spawned, not forked: the same on all systems, and safe beside threads of numerical libraries.
+            context = multiprocessing.get_context("spawn")
+            self._executor = ProcessPoolExecutor(self._jobs, mp_context=context)
+        try:
+            yield from self._executor.map(call, values, chunksize=max(1, len(values) // 16))
+        except BrokenProcessPool:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the processes."""
+        if self._executor is not None:
+            self._executor.shutdown(cancel_futures=True)
+            self._executor = None
+
+
 @contextmanager
-def pool(jobs: int) -> Iterator[Executor | None]:
+def pool(jobs: int) -> Iterator[Processes | None]:
     """So many processes for the runs; None for one, which needs no other."""
     if jobs < 2:
         yield None
         return
-    # Spawned, not forked: the same on all systems, and safe beside the threads of numerical libraries.
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as workers:
+    workers = Processes(jobs)
+    try:
         yield workers
+    finally:
+        workers.close()
 
 
 def run_all(
     items: Sequence[Item],
     mode: Mode,
-    workers: Executor | None,
+    workers: Workers | None,
     watch: Callable[[Item, float], None],
 ) -> Iterator[Result]:
     """Run items one after the other; `watch` is told the finished share of the one at work."""

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, Protocol, TypeVar
 from zlib import crc32
 
 import numpy as np
 
-__all__ = ["SEED", "Mode", "Study"]
+__all__ = ["SEED", "Mode", "Study", "Workers"]
 
 Mode = Literal["quick", "full"]
 SEED = 20190104
 """Root of all random numbers of the suite."""
+
+
+class Workers(Protocol):
+    """What shares runs: `validation.runner.Processes`."""
+
+    def map(self, call: Callable[[Any], Any], values: Sequence[Any]) -> Iterable[Any]:
+        """Results in the order of the values."""
+        ...
+
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -35,7 +43,7 @@ class Study:
     item : str
         Its id: random numbers depend on it and not on what ran before.
     mode : {"quick", "full"}
-    workers : Executor or None
+    workers : Workers or None
         Processes that share the runs; None runs them here. The numbers are the same.
     watch : callable
         Told the finished share of the item, 0 to 1.
@@ -43,7 +51,7 @@ class Study:
 
     item: str
     mode: Mode = "quick"
-    workers: Executor | None = field(default=None, compare=False)
+    workers: Workers | None = field(default=None, compare=False)
     watch: Callable[[float], None] = field(default=_silent, compare=False)
 
     def choose(self, quick: T, full: T) -> T:
@@ -91,7 +99,7 @@ class Study:
     def _all(self, call: Callable[[Any], T], values: Sequence[Any]) -> list[T]:
         found: Iterable[T] = map(call, values)
         if self.workers is not None and len(values) > 1:
-            found = self.workers.map(call, values, chunksize=max(1, len(values) // 16))
+            found = self.workers.map(call, values)
         results: list[T] = []
         for result in found:
             results.append(result)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures.process import BrokenProcessPool
+
 import numpy as np
+import pytest
 
 from validation.runner import pool
 from validation.study import Study
@@ -21,6 +25,17 @@ def test_serial_and_parallel_give_the_same_numbers_in_the_same_order() -> None:
         parallel = Study("s3-x", workers=workers)
         assert parallel.runs(draw, 40, 2.0) == Study("s3-x").runs(draw, 40, 2.0)
         assert parallel.sweep(cube, range(10), 1.0) == [n**3 + 1.0 for n in range(10)]
+
+
+def die(value: int) -> int:
+    os._exit(1)
+
+
+def test_where_a_process_dies_the_next_item_gets_new_ones() -> None:
+    with pool(2) as workers:
+        with pytest.raises(BrokenProcessPool):
+            Study("s3-x", workers=workers).sweep(die, range(4))
+        assert Study("s3-y", workers=workers).sweep(cube, range(4), 0.0) == [0.0, 1.0, 8.0, 27.0]
 
 
 def test_runs_have_common_random_numbers_whatever_is_done_with_them() -> None:
