@@ -128,7 +128,7 @@ def _about_theta(found: list[Delayed]) -> list[Claim]:
     )
     return [
         _claim("best H-inf to the better of UFIR and KF, worst k", AtMost(1.0, "outperforms both"), worst,
-               chance + absolute(0.02)),
+               chance + absolute(1e-9)),
         _claim("best H-inf to the exact KF, k = 10", AtLeast(1.0, "in theory none is better"), tuned, chance),
         _theta(0, thetas[0], flat, Interval(0.0, 1e-3)),
         _theta(2, thetas[2], flat, Interval(0.0, FIXED)),
