@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatch
 from functools import partial
 from time import perf_counter
 from typing import Any, TypeVar
@@ -63,8 +64,6 @@ def run_item(item: Item, study: Study) -> Result:
 
 def chosen(items: Sequence[Item], patterns: Sequence[str]) -> list[Item]:
     """The items whose id is one of the patterns, begins with one, or matches one as a shell pattern."""
-    from fnmatch import fnmatch
-
     found = [i for i in items if not patterns or any(_named(i.id, p) or fnmatch(i.id, p) for p in patterns)]
     if not found:
         names = ", ".join(item.id for item in items)
