@@ -139,5 +139,6 @@ def test_tolerances_in_words() -> None:
     assert allowed(Tolerance()) == "exact"
     assert allowed(printed(4) + sampling(2)) == "5e-5 + 2 s.e."
     assert allowed(relative(0.05) + absolute(1.0)) == "1 + 5 %"
+    assert allowed(relative(1e-9)) == "1e-9 relative"
     measured = Claim("s3", "s3-try", "a", 1.0, 1.25, sampling(1), 0.5, unit="m")
     assert ours(measured) == "1.25 ± 0.5 m"

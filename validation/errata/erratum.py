@@ -72,14 +72,14 @@ class Erratum:
         return f"{self.equation}: {self.quantity}"
 
 
-def errata_item(paper: Paper, errata: Sequence[Erratum]) -> Item:
-    """The item of a paper's errata."""
+def errata_item(paper: Paper, errata: Sequence[Erratum], misprints: str) -> Item:
+    """The item of a paper's errata; `misprints` are those that no number decides."""
     key = f"errata-{paper.key}"
     return Item(
         id=key,
         paper=ERRATA,
         title=f"Printed equations of {paper.key.upper()} that are wrong",
-        run=partial(_run, key, tuple(errata)),
+        run=partial(_run, key, tuple(errata), f"Misprints that no number decides: {misprints}"),
         claims=[erratum.name for erratum in errata],
         assumptions=[
             "Reported is what the printed equation gives, taken literally; the prediction is a computation "
@@ -88,7 +88,7 @@ def errata_item(paper: Paper, errata: Sequence[Erratum]) -> Item:
     )
 
 
-def _run(key: str, errata: Sequence[Erratum], study: Study) -> Outcome:
+def _run(key: str, errata: Sequence[Erratum], misprints: str, study: Study) -> Outcome:
     claims, rows = [], []
     for erratum in errata:
         found = erratum.numbers(study)
@@ -109,4 +109,4 @@ def _run(key: str, errata: Sequence[Erratum], study: Study) -> Outcome:
         claims.append(claim)
         rows.append((erratum.name, reported(found.printed), reported(found.truth), number(found.ours)))
     columns = ("equation", "as printed", "independent", "ours")
-    return Outcome(claims, [Table("Each number three ways", columns, rows)])
+    return Outcome(claims, [Table("Each number three ways", columns, rows)], notes=[misprints])

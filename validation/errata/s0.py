@@ -83,7 +83,7 @@ def _reference(study: Study) -> Numbers:
     for z in zs:
         f.predict()
         f.update(z)
-    return Numbers(float(x_m[0]), float(f.x[0].item()), SPEED * (N - 1), absolute(1e-8), unit="m")
+    return Numbers(round(float(x_m[0]), 9), float(f.x[0].item()), SPEED * (N - 1), absolute(1e-8), unit="m")
 
 
 def _start(study: Study) -> Numbers:
@@ -278,4 +278,5 @@ ITEM: Item = errata_item(
             lambda study: _range(665, 675, 10),
         ),
     ],
+    "section 5.2 says Fig. 2 where it means Fig. 3.",
 )

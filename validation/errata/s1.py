@@ -226,4 +226,6 @@ ITEM: Item = errata_item(
             _one_sided,
         ),
     ],
+    "(1), (2) exchange the names of the two noises; (16) is P_n, not P⁻_n; (24) has Y where D is meant; "
+    "section 4.1 exchanges Figs 4 and 5.",
 )

@@ -120,4 +120,5 @@ ITEM: Item = errata_item(
             _three_matrices,
         ),
     ],
+    "the text to Fig. 5 says β = 2, its caption and Table II β = 0.5.",
 )

@@ -66,10 +66,14 @@ def allowed(tolerance: Tolerance) -> str:
     """What a tolerance allows."""
     parts = [
         number(tolerance.absolute, 2) if tolerance.absolute else "",
-        f"{100 * tolerance.relative:.3g} %" if tolerance.relative else "",
+        _share(tolerance.relative) if tolerance.relative else "",
         f"{tolerance.sigmas:g} s.e." if tolerance.sigmas else "",
     ]
     return " + ".join(filter(None, parts)) or "exact"
+
+
+def _share(fraction: float) -> str:
+    return f"{100 * fraction:.3g} %" if fraction >= 1e-4 else f"{number(fraction, 2)} relative"
 
 
 def counted(claims: Iterable[Claim]) -> dict[Verdict, int]:
