@@ -163,6 +163,6 @@ ITEM: Item = errata_item(
             "Table 1", "products for x_i, two components measured", "n M", "n M q for each output", _products
         ),
     ],
-    "(6) has A - d - 1 for the block row [A^{-d}, -I]; (12) has arg error for arg min. What Table 2 calls RMS "
-    "is another metric: see s3-table-2.",
+    "(6) has A - d - 1 for the block row [A^{-d}, -I]; (12) has arg error for arg min; what Table 2 calls "
+    "RMS is another metric: see s3-table-2.",
 )
