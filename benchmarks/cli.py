@@ -14,7 +14,10 @@ from benchmarks.harness import MissingPeerError, Result, Row, measure
 from benchmarks.report import Outcome, as_json, as_markdown, one_line, table
 from benchmarks.rows import all_rows
 
-__all__ = ["app", "chosen"]
+__all__ = ["RESULTS", "app", "chosen"]
+
+# What a whole run writes.
+RESULTS = Path(__file__).with_name("RESULTS.md")
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -42,9 +45,15 @@ def bench(
     steps: Annotated[int, typer.Option(min=200, help="Steps in one turn, all of them distinct.")] = 20_000,
     quick: Annotated[bool, typer.Option(help="3 rounds of 3000 steps, for a first look.")] = False,
     json: Annotated[Path | None, typer.Option(help="Write every round to this file.")] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Write the table to this file.")] = None,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(help="Write the table to this file; default: RESULTS.md, of all rows and not --quick."),
+    ] = None,
 ) -> None:
-    """Time ufirext against its peers, turn by turn on one thread, and print the ratios."""
+    """Time ufirext against its peers, turn by turn on one thread, and print the ratios.
+
+    A run of all rows, not --quick, writes benchmarks/RESULTS.md.
+    """
     console = Console()
     if not console.is_terminal:
         console.width = 150  # into a file or a pipe: no name is cut
@@ -55,6 +64,8 @@ def bench(
         return
     if quick:
         rounds, steps = 3, 3_000
+    if markdown is None and not (only or quick):
+        markdown = RESULTS
     outcomes = _run(rows, steps, rounds, console)
     settings = f"{rounds} rounds of {steps} steps, one thread, float64"
     console.print(table(outcomes, settings))

@@ -8,7 +8,20 @@ from benchmarks.harness import Row
 
 __all__ = ["GROUPS", "all_rows"]
 
-GROUPS = ("streaming", "edits", "holes", "varying", "fms", "delays", "trackers", "gains", "imports")
+GROUPS = (
+    "streaming",
+    "edits",
+    "holes",
+    "varying",
+    "fms",
+    "delays",
+    "trackers",
+    "fleet",
+    "parts",
+    "series",
+    "gains",
+    "imports",
+)
 
 
 def all_rows() -> list[Row]:

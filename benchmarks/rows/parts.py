@@ -1,0 +1,94 @@
+"""A long series in parts: one worker and two, and what cutting costs."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.harness import Contest, Row, Run, wall_clock
+from benchmarks.peers import peer
+from benchmarks.streams import MODELS, drive, model_of
+from ufirext import filter_series
+
+HORIZON = 300
+# Rows of the series for each of the benchmark's steps: four million with its 20 000.
+ROWS_A_STEP = 200
+
+
+def _series(states: int, steps: int) -> np.ndarray:
+    return drive(MODELS[states][1], max(ROWS_A_STEP * steps, 4 * HORIZON))
+
+
+def _serial(states: int, zs: np.ndarray) -> Callable[[], Run]:
+    def prepare() -> Run:
+        return lambda: filter_series(model_of(states), zs, HORIZON).x[-1]
+
+    return prepare
+
+
+def _parted(states: int, zs: np.ndarray, workers: int) -> Callable[[], Run]:
+    """Threads of Dask; the products let go of the interpreter."""
+    dask = peer("dask", "'ufirext[distributed]'")
+    lazily = peer("ufirext.distributed").filter_series
+    chunks = max(len(zs) // 8, 2 * HORIZON)
+
+    def prepare() -> Run:
+        estimate = lazily(model_of(states), zs, HORIZON, chunks=chunks)
+
+        def run() -> object:
+            with dask.config.set(scheduler="threads", num_workers=workers):
+                return estimate.x.compute()[-1]
+
+        return run
+
+    return prepare
+
+
+def _from_file(states: int, zs: np.ndarray, workers: int) -> Callable[[], Run]:
+    run_file = peer("ufirext.distributed").filter_file
+    chunk = max(len(zs) // 8, 2 * HORIZON)
+
+    def prepare() -> Run:
+        folder = tempfile.TemporaryDirectory()
+        np.save(Path(folder.name) / "z.npy", zs)
+
+        def run() -> object:
+            with folder as name:
+                source, target = Path(name) / "z.npy", Path(name) / "x.npy"
+                run_file(model_of(states), source, target, HORIZON, chunk=chunk, workers=workers)
+                return np.load(target, mmap_mode="r")[-1].copy()
+
+        return run
+
+    return prepare
+
+
+def _two_threads(states: int, steps: int) -> Contest:
+    zs = _series(states, steps)
+    return Contest(_parted(states, zs, 2), _parted(states, zs, 1), len(zs))
+
+
+def _cutting(states: int, steps: int) -> Contest:
+    zs = _series(states, steps)
+    return Contest(_parted(states, zs, 1), _serial(states, zs), len(zs))
+
+
+def _two_processes(states: int, steps: int) -> Contest:
+    zs = _series(states, steps)
+    return Contest(_from_file(states, zs, 2), _from_file(states, zs, 1), len(zs))
+
+
+SERIES = f"{ROWS_A_STEP} rows a step (N={HORIZON})"
+
+ROWS = [
+    Row("parts/2-threads-K2", SERIES + " in 8 parts on Dask, 2 workers", "1 worker", 1.5,
+        partial(_two_threads, 2), timer=wall_clock, stretch=True),
+    Row("parts/2-processes-K2", SERIES + " from file to file, 2 processes and their start", "1 process", 1,
+        partial(_two_processes, 2), timer=wall_clock, stretch=True),
+    Row("parts/cutting-K2", SERIES + " in 8 parts on Dask, 1 worker", "filter_series", 0.5,
+        partial(_cutting, 2), timer=wall_clock),
+]  # fmt: skip
