@@ -6,9 +6,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ufirext import DelayKalmanFilter, FMSFilterSmoother
 from validation.claims import AtMost, Claim, Tolerance
+from validation.figures import BLUE, GREEN, ORANGE, RED, new_figure
 from validation.item import Item, Outcome, Table
 from validation.papers import S3
 from validation.s3.tracking import A, C, D, M, gain, model
@@ -27,7 +29,7 @@ def run(study: Study) -> Outcome:
     """Count the products on the gain that is applied, and take the time of the filters."""
     n, q = len(A), len(C)
     H = gain().H
-    printed, counted = 4 * n**3 + 8 * n**2 + 6 * n + 1, _kalman_products(n, q)
+    printed, counted = _printed(n), _kalman_products(n, q)
     claims = [
         Claim("s3", ITEM.id, EACH, n * M * q, H[:n].size, Tolerance()),
         Claim("s3", ITEM.id, BOTH, AtMost(1.0, "much less"), H.size / printed, Tolerance()),
@@ -50,6 +52,7 @@ def run(study: Study) -> Outcome:
             Table("Multiplications for a step", ("", "paper", "counted"), work),
             Table(f"Time of a step, the best of {ROUNDS} rounds", ("", "µs"), seconds),
         ],
+        draw,
         notes=[
             "A window costs n M products for each estimate; the Kalman filter costs 3 n³ + 3 n² + 4 n, "
             "whatever its memory. Both FMS estimates together cost less than a Kalman filter up to M = 20 "
@@ -57,6 +60,28 @@ def run(study: Study) -> Outcome:
             "what takes the time: the times are for orientation, the benchmarks measure them properly."
         ],
     )
+
+
+def draw() -> Figure:
+    """Work over the dimension, which the paper lets grow."""
+    figure = new_figure(8.5, 3.8)
+    axes = figure.subplots()
+    n = np.arange(1, 13)
+    axes.plot(n, _printed(n), "s--", color=RED, label="fixed-lag Kalman smoother, as printed")
+    kalman = [_kalman_products(int(size), 1) for size in n]
+    axes.plot(n, kalman, "D-.", color=GREEN, label="Kalman filter, counted")
+    axes.plot(n, 2 * n * M, "o-", color=BLUE, label=f"FMS filter and smoother, M = {M}")
+    axes.plot(n, 2 * n * 10 * M, "^:", color=ORANGE, label=f"the same, M = {10 * M}")
+    axes.set_yscale("log")
+    axes.set_xlabel("dimension n of the state")
+    axes.set_ylabel("multiplications for a step")
+    axes.legend(loc="lower right")
+    return figure
+
+
+def _printed(n: Any) -> Any:
+    """Flops of the fixed-lag Kalman smoother, as Table 1 prints them."""
+    return 4 * n**3 + 8 * n**2 + 6 * n + 1
 
 
 def _kalman_products(n: int, q: int) -> int:
