@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ufirext import Model, ufir_gain
+from validation.scores import SETTLING
 
 __all__ = ["Finite", "Linear", "Recursion", "expected_squares", "recursion"]
 
@@ -188,8 +189,6 @@ def expected_squares(tracker: Linear, means: Array, V: Array, truth: Array, axis
     axis : int
         1: north; 0: east.
     """
-    from validation.scores import SETTLING
-
     state = 2 * axis
     with np.errstate(over="ignore", invalid="ignore"):
         bias = tracker.track(means)[:, SETTLING:, state] - truth[:, SETTLING:, axis]
