@@ -64,15 +64,23 @@ def holes(z: Array) -> NDArray[np.bool_]:
     found = np.zeros(len(z), dtype=np.bool_)
     if z.dtype.kind != "f":
         return found
-    for series, one in enumerate(z):
-        for start in range(0, len(one), LOOKED_AT):
-            part = one[start : start + LOOKED_AT]
-            # The sum of squares is the quickest look.
-            with np.errstate(over="ignore", invalid="ignore"):
-                if part.flags.c_contiguous and np.isfinite(np.vdot(part, part)):
-                    continue
-            found[series] |= _has_nan(part, series, start)
+    together = max(1, LOOKED_AT // max(z[:1].size, 1))
+    for first in range(0, len(z), together):
+        if _plainly_finite(z[first : first + together]):
+            continue
+        for series in range(first, min(first + together, len(z))):
+            for start in range(0, z.shape[1], LOOKED_AT):
+                part = z[series, start : start + LOOKED_AT]
+                found[series] |= not _plainly_finite(part) and _has_nan(part, series, start)
     return found
+
+
+def _plainly_finite(part: Array) -> bool:
+    """Whether a quick look, at the sum of squares, suffices."""
+    if not part.flags.c_contiguous or part.size > LOOKED_AT:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(np.vdot(part, part)))
 
 
 def _has_nan(part: Array, series: int, start: int) -> bool:

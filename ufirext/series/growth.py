@@ -25,13 +25,16 @@ from ..window import whitener
 __all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 
 # Windows up to this length have a gain each; of minimum variance, whose gains cost more, so many longer ones.
-SHORT, SHORT_BEYOND = 24, 4
+SHORT, SHORT_BEYOND = 48, 4
 # Sums of products of basis vectors that are conditioned worse than this lose too many digits.
 SHARED_CONDITION = 1e3
 
 
 class Shared(NamedTuple):
-    """Windows of low + 1 .. high rows: x^ = W[n] sum_{i <= low + n} basis[i]' z_i."""
+    """Windows of low + 1 .. high rows: x^ = W_n' eta_n, eta_n = sum_{i <= low + n} basis_i' z_i.
+
+    basis : (dim_z, dim_x, high), W : (dim_x, dim_x, high - low).
+    """
 
     low: int
     high: int
@@ -87,16 +90,17 @@ def head_states(head: Head, z: Any, xp: Any = np) -> Any:
 
 
 def _shared_states(part: Shared, z: Any, xp: Any) -> Any:
+    """(.., rows, dim_x); on the way time is the last axis, along which loops are long."""
     stop = min(part.high, z.shape[-2])
-    basis, W = part.basis[:stop, ...], part.W[: stop - part.low, ...]
-    own = z[..., :stop, :1] * basis[:, 0, :]
-    for m in range(1, basis.shape[1]):
-        own = own + z[..., :stop, m : m + 1] * basis[:, m, :]
-    eta = xp.cumulative_sum(own, axis=-2)[..., part.low :, :]
-    x = eta[..., :1] * W[:, 0, :]
-    for r in range(1, W.shape[1]):
-        x = x + eta[..., r : r + 1] * W[:, r, :]
-    return x
+    basis, W = part.basis[..., :stop], part.W[..., : stop - part.low]
+    own = z[..., None, :stop, 0] * basis[0, ...]
+    for m in range(1, basis.shape[0]):
+        own = own + z[..., None, :stop, m] * basis[m, ...]
+    eta = xp.cumulative_sum(own, axis=-1)[..., part.low :]
+    x = eta[..., :1, :] * W[0, ...]
+    for r in range(1, W.shape[0]):
+        x = x + eta[..., r : r + 1, :] * W[r, ...]
+    return xp.moveaxis(x, -1, -2)
 
 
 def _recursive_states(part: Recursion, x: Any, z: Any, xp: Any) -> list[Any]:
@@ -204,7 +208,8 @@ def _basis(model: Model, low: int, high: int, lag: int) -> Shared | None:
     for step in range(1, high - low):
         np.matmul(model.F, aims[step - 1], out=aims[step])
     W = np.linalg.solve(Lam, aims.transpose(0, 2, 1))  # transposed: eta W = x
-    return Shared(low, high, np.ascontiguousarray(basis.raw), np.ascontiguousarray(W))
+    raw = np.ascontiguousarray(basis.raw.transpose(1, 2, 0))
+    return Shared(low, high, raw, np.ascontiguousarray(W.transpose(1, 2, 0)))
 
 
 def _recursion(model: Model, start: Array, low: int, length: int, unbiased: bool) -> Recursion:

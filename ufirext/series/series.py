@@ -28,6 +28,8 @@ from .stepwise import stepwise, stepwise_covariances
 __all__ = ["filter_series"]
 
 Mask = NDArray[np.bool_]
+# Numbers of growing windows that are worked out together, so that they stay in a processor's cache.
+GROWING_TOGETHER = 16_384
 CONSTANT, HOLES, SCAN, STEPWISE = range(4)
 ENGINES = ("auto", "toeplitz", "scan", "stepwise", "numba")
 
@@ -222,8 +224,11 @@ def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         ready[:, begin:] = True
         return
     if begin:
-        first = np.asarray(z[:, :begin], dtype=float)
-        x[:, :begin] = plan.head_states(first, None if us is None else us[:, :begin])
+        together = max(1, GROWING_TOGETHER // (begin * request.model.dim_x))
+        for first in range(0, request.count, together):
+            some = slice(first, first + together)
+            pushed = None if us is None else us[some, :begin]
+            x[some, :begin] = plan.head_states(np.asarray(z[some, :begin], dtype=float), pushed)
     ready[:, plan.first - 1 :] = True
     if request.prior is not None and plan.first > 1:
         stepwise(request, x, ready, stop=plan.first - 1)
