@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Contest, Row, Run, wall_clock
+from benchmarks.harness import Contest, MissingPeerError, Row, Run, wall_clock
 from benchmarks.peers import peer
 from benchmarks.streams import MODELS, drive, model_of
-from ufirext import filter_series
+from ufirext import filter_series, series_plan
+from ufirext._array_series import filtered
 
 HORIZON = 300
 # Rows of the series for each of the benchmark's steps: four million with its 20 000.
@@ -82,6 +83,38 @@ def _two_processes(states: int, steps: int) -> Contest:
     return Contest(_from_file(states, zs, 2), _from_file(states, zs, 1), len(zs))
 
 
+def _on_gpu(states: int, steps: int) -> Contest:
+    """A series on the GPU against copying as many bytes there as go in and come out."""
+    torch = peer("torch")
+    if not torch.cuda.is_available():
+        raise MissingPeerError("no GPU that torch can use")
+    zs = torch.tensor(_series(states, steps), device="cuda")
+    plan = series_plan(model_of(states), HORIZON)
+
+    def ours() -> Run:
+        filtered(plan, zs[: 4 * HORIZON])
+
+        def run() -> object:
+            x = filtered(plan, zs)[0]
+            torch.cuda.synchronize()
+            return x[-1].cpu().numpy()
+
+        return run
+
+    def copying() -> Run:
+        source = torch.zeros((len(zs), zs.shape[1] + states), dtype=torch.float64, device="cuda")
+        torch.cuda.synchronize()
+
+        def run() -> object:
+            copy = source.clone()
+            torch.cuda.synchronize()
+            return copy[-1].cpu().numpy()
+
+        return run
+
+    return Contest(ours, copying, len(zs))
+
+
 SERIES = f"{ROWS_A_STEP} rows a step (N={HORIZON})"
 
 ROWS = [
@@ -91,4 +124,6 @@ ROWS = [
         partial(_two_processes, 2), timer=wall_clock, stretch=True),
     Row("parts/cutting-K2", SERIES + " in 8 parts on Dask, 1 worker", "filter_series", 0.5,
         partial(_cutting, 2), timer=wall_clock),
+    Row("parts/cuda-K2", SERIES + ", torch on a GPU", "copying it on the GPU", 0.1,
+        partial(_on_gpu, 2), timer=wall_clock, stretch=True),
 ]  # fmt: skip

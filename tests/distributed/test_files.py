@@ -102,6 +102,35 @@ def test_gaps_across_an_edge_are_refused_or_covered(tmp_path):
     same(read(target), filter_series(PLANE, zs, 8).x, 1e-11)
 
 
+FRUGAL_RUN = """
+    import resource, sys
+    import numpy as np
+    from ufirext import kinematic
+    from ufirext.distributed import filter_file
+
+    def peak():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+    model = kinematic(1, 1, 0.1)
+    np.save("small.npy", np.arange(100_000.0))
+    filter_file(model, "small.npy", "y.npy", 100, chunk=50_000)
+    before = peak()
+    filter_file(model, "z.npy", "x.npy", 100, chunk=50_000)
+    print(peak() - before)
+"""
+
+
+def test_memory_grows_with_a_part_and_not_with_the_series(tmp_path):
+    pytest.importorskip("resource", reason="this system does not tell peaks")
+    np.save(tmp_path / "z.npy", np.arange(4_000_000.0))  # 32 MB in, 64 MB out; a part is 1.2 MB
+    (tmp_path / "run.py").write_text(textwrap.dedent(FRUGAL_RUN))
+    run = subprocess.run(
+        [sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert int(run.stdout) < 10_000_000
+
+
 SLOW_RUN = """
     import sys, time
     from ufirext import kinematic

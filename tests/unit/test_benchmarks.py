@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import platform
+import re
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rich", reason="pip install ufirext[bench]")
 
+from typer.testing import CliRunner
+
+from benchmarks.cli import app
 from benchmarks.harness import (
     EXCESS,
     MILLISECONDS,
@@ -124,6 +130,33 @@ def test_reports_name_row_target_and_outcome(monkeypatch: pytest.MonkeyPatch) ->
     first, second = json.loads(as_json([result, absent], "3 rounds"))["rows"]
     assert first["rounds"] == [1.5, 1.5, 1.5]
     assert second["not_run"] == "pip install something"
+
+
+def test_the_results_file_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(monkeypatch)
+    result = measure(row(Contest(clock.work(2.0), clock.work(5.0), 1)), steps=1, rounds=1)
+    text = as_markdown([result, (result.row, "pip install something")], "1 round of 1 step")
+    assert text.startswith("# Measured ratios\n")
+    assert "\n## fake\n" in text
+    assert "- 1 of 1 targets met; 1 rows could not run" in text
+    assert re.search(r"^- .*\d+ cores?.*", text, flags=re.MULTILINE)
+    assert f"Python {platform.python_version()}" in text
+    assert f"numpy {np.__version__}" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "written"),
+    [([], True), (["--quick"], False), (["--only", "gains"], False), (["--quick", "--markdown", "R"], True)],
+)
+def test_only_a_whole_run_writes_the_results(
+    options: list[str], written: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    target = tmp_path / "RESULTS.md"
+    monkeypatch.setattr("benchmarks.cli.RESULTS", target)
+    monkeypatch.setattr("benchmarks.cli._run", lambda *arguments: [])
+    options = [str(target) if option == "R" else option for option in options]
+    assert CliRunner().invoke(app, options).exit_code == 0
+    assert target.exists() is written
 
 
 def test_names_are_unique_and_every_group_has_rows() -> None:
