@@ -19,7 +19,7 @@ from validation.linear import Finite, recursion
 from validation.s0.filters import MODEL, effective, kalman, robust, theta_limit, ufir
 from validation.s1.filters import groups
 from validation.s1.filters import kalman as network_kalman
-from validation.s2 import tables
+from validation.s2 import cells, tables
 from validation.s2.filters import averaged, drawn, expectation
 from validation.s2.filters import kalman as averaged_kalman
 from validation.s2.filters import ufir as averaged_ufir
@@ -151,10 +151,10 @@ def test_items_beyond_the_papers_keep_their_promises(item: Item) -> None:
 
 
 def test_every_number_of_the_tables_is_a_claim() -> None:
-    printed = {beta: {v for row in rows.values() for v in row} for beta, rows in tables.PRINTED.items()}
+    printed = {beta: {v for row in rows.values() for v in row} for beta, rows in cells.PRINTED.items()}
     assert {len(values) for values in printed.values()} == {9}
     for beta, item in ((1.0, tables.TABLE_1), (0.5, tables.TABLE_2)):
-        found = tables.cells(Study(item.id), beta)
+        found = cells.cells(Study(item.id), beta)
         claims = tables._about_cells(item.id, found)
         reported = {claim.reported for claim in claims if isinstance(claim.reported, float)}
         assert reported == {value for value in printed[beta] if math.isfinite(value)}

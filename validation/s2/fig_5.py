@@ -16,8 +16,8 @@ from validation.figures import INK, PURPLE, STYLES, new_figure
 from validation.item import Item, Outcome, Table
 from validation.linear import Linear
 from validation.papers import S2
+from validation.s2.cells import THETA
 from validation.s2.filters import TRUE, drawn, expectation, kalman, robust, robust_squares, ufir
-from validation.s2.tables import THETA
 from validation.scores import Score, ratio, rmse, squares
 from validation.study import Study
 
