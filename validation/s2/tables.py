@@ -25,6 +25,7 @@ __all__ = ["TABLE_1", "TABLE_2"]
 
 Array = NDArray[np.float64]
 
+ORDER = "rows in which the filters come in the printed order"
 TRACK = (
     "absolute errors belong to the track, which is not public; expected is what the mean and covariance of "
     "these filters give on our drives without drawing any noise"
@@ -128,7 +129,7 @@ def _about_order(item: str, found: Cells) -> Claim:
         reported = dict(zip(FILTERS, PRINTED[found.beta][gamma], strict=True))
         ours = {name: float(found.drawn[gamma][name].mean()) for name in FILTERS}
         same += order(reported) == order(ours)
-    return Claim("s2", item, "rows in which the filters come in the printed order", 3, same, absolute(0.0))
+    return Claim("s2", item, ORDER, 3, same, absolute(0.0))
 
 
 def _about_gamma(study: Study, found: Cells) -> list[Claim]:
