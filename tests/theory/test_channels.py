@@ -85,6 +85,15 @@ def test_an_unknown_delay_averages_to_the_moments_of_the_mixture(seed, kind, gam
     assert_allclose(row.correlation, cross, rtol=1e-7, atol=1e-8 * size)
 
 
+@given(seeds, INVERTIBLE, st.floats(0.0, 1.0), st.floats(-3.0, 1.0))
+def test_the_averaged_noise_is_a_covariance_whatever_p_says(seed, kind, gamma, size):
+    """P may be written from outside, and then be smaller than the noise that entered."""
+    rng = np.random.default_rng(seed)
+    model = random_model(seed, 3, 2, kind)
+    row = BernoulliDelay(gamma).effective(model, x=rng.normal(size=3), P=10.0**size * positive(rng, 3))
+    assert np.linalg.eigvalsh(row.R - model.R)[0] > -1e-9 * np.abs(row.R).max()
+
+
 def test_at_10_m_s_the_averaged_noise_is_twice_what_the_paper_prints():
     model = one_axis()
     row = BernoulliDelay(0.8).effective(model, x=[0.0, 10.0], P=model.Q)

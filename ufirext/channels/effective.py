@@ -106,6 +106,7 @@ def averaged(
 
     With Hd = H F^-1, D = H - Hd and m the mean of H x_n - H x_{n-1}: Hm = gamma H + (1 - gamma) Hd and
     Rm = R + (1-gamma)^2 Hd Q Hd' + gamma (1-gamma) (m m' + D P D' + D Q Hd' + Hd Q D' + Hd Q Hd').
+    A P below Q is no covariance of x_n: the terms with D and Q are left out then, so that Rm stays one.
     """
     if gamma == 1.0:
         return on_time(H, R)
@@ -122,6 +123,8 @@ def averaged(
     moved = D @ x.reshape(-1) + (0.0 if Bu is None else Hd @ Bu.reshape(-1))
     mixed = D @ Q @ Hd.T
     own = Hd @ Q @ Hd.T
+    if np.linalg.eigvalsh(symmetric(P - Q))[0] < -1e-9 * np.abs(Q).max(initial=0.0):
+        mixed = np.zeros_like(mixed)  # a P from outside that holds no such noise says nothing of w
     spread = np.outer(moved, moved) + D @ P @ D.T + mixed + mixed.T + own
     noise = R + (1.0 - gamma) ** 2 * own + gamma * (1.0 - gamma) * spread
     return Effective(gamma * H + G, symmetric(noise), (G,), -Q @ G.T, offset)

@@ -39,7 +39,7 @@ def demo(
     try:
         scene = city(rng, noise) if file is None else recorded(file, rng, noise)
     except UfirextError as error:
-        Console(stderr=True).print(f"[red]error:[/] {error}", highlight=False)
+        Console(stderr=True, soft_wrap=True).print(f"[red]error:[/] {error}", highlight=False)
         raise typer.Exit(1) from error
     runs = runs or scene.runs
     scores = _scores(scene, rng, runs, console)
