@@ -267,6 +267,7 @@ def _item(number: str, beta: float) -> Item:
             *cell_names,
             *ratios,
             "rows in which the filters come in the printed order",
+            ORDER,
             "error at gamma = 0.8 to the others",
             *last,
         ),
