@@ -266,7 +266,6 @@ def _item(number: str, beta: float) -> Item:
         claims=(
             *cell_names,
             *ratios,
-            "rows in which the filters come in the printed order",
             ORDER,
             "error at gamma = 0.8 to the others",
             *last,
