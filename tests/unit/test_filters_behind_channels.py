@@ -275,7 +275,7 @@ def test_a_bad_max_delay_is_refused(make, max_delay):
 @every_channel
 @pytest.mark.parametrize("delay", [-1, 3, 0.5, True, None, np.nan])
 def test_a_delay_the_channel_cannot_produce_is_refused_and_nothing_changes(make, channel, delay):
-    f = played(configured(make, channel=channel), channel)
+    f = played(configured(make, channel=channel), channel, steps=12)
     f.predict()
     x, P = f.x.copy(), f.P.copy()
     with pytest.raises(HorizonError, match="delay must be"):
@@ -300,7 +300,7 @@ def test_a_delay_the_channel_cannot_produce_is_refused_and_nothing_changes(make,
     ],
 )
 def test_bad_measurements_are_refused_and_nothing_changes(make, channel, arguments, message):
-    f = played(configured(make, channel=channel), channel)
+    f = played(configured(make, channel=channel), channel, steps=12)
     f.predict()
     x, P = f.x.copy(), f.P.copy()
     with pytest.raises(UfirextError, match=message):
@@ -313,7 +313,7 @@ def test_bad_measurements_are_refused_and_nothing_changes(make, channel, argumen
 @every_channel
 @pytest.mark.parametrize("z", [None, np.nan, [[np.nan]]])
 def test_a_missing_measurement_leaves_the_prior(make, channel, z):
-    f = played(configured(make, channel=channel), channel)
+    f = played(configured(make, channel=channel), channel, steps=12)
     f.predict()
     x, P = f.x.copy(), f.P.copy()
     f.update(z)
@@ -321,7 +321,7 @@ def test_a_missing_measurement_leaves_the_prior(make, channel, z):
     if make is not hinfinity:
         assert_allclose(f.P, P)
     assert_allclose(f.y, 0.0)
-    assert f.dropped == played(configured(make, channel=channel), channel).dropped
+    assert f.dropped == played(configured(make, channel=channel), channel, steps=12).dropped
 
 
 @pytest.mark.parametrize("make", [ufir, adaptive, kalman])
@@ -377,7 +377,7 @@ def test_k_is_the_gain_of_the_row_that_came_last(make):
 @every_channel
 @pytest.mark.parametrize("first", [None, 1.0])
 def test_steady_state_keeps_k_and_s_whatever_was_missing(make, channel, first):
-    f = played(configured(make, channel=channel), channel)
+    f = played(configured(make, channel=channel), channel, steps=12)
     f.predict()
     f.update(first)
     f.predict_steadystate()
