@@ -12,8 +12,7 @@ import numpy as np
 from benchmarks.harness import Contest, MissingPeerError, Row, Run, wall_clock
 from benchmarks.peers import peer
 from benchmarks.streams import MODELS, drive, model_of
-from ufirext import filter_series, series_plan
-from ufirext._array_series import filtered
+from ufirext import filter_series
 
 HORIZON = 300
 # Rows of the series for each of the benchmark's steps: four million with its 20 000.
@@ -89,13 +88,13 @@ def _on_gpu(states: int, steps: int) -> Contest:
     if not torch.cuda.is_available():
         raise MissingPeerError("no GPU that torch can use")
     zs = torch.tensor(_series(states, steps), device="cuda")
-    plan = series_plan(model_of(states), HORIZON)
+    model = model_of(states)
 
     def ours() -> Run:
-        filtered(plan, zs[: 4 * HORIZON])
+        filter_series(model, zs[: 4 * HORIZON], HORIZON)
 
         def run() -> object:
-            x = filtered(plan, zs)[0]
+            x = filter_series(model, zs, HORIZON).x
             torch.cuda.synchronize()
             return x[-1].cpu().numpy()
 

@@ -60,7 +60,7 @@ class SeriesEstimate:
         return int(self.x.shape[-2])
 
     def __repr__(self) -> str:
-        many = f"series={len(self.x)}, " if self.x.ndim == 3 else ""
+        many = f"series={self.x.shape[0]}, " if self.x.ndim == 3 else ""
         steps, states = self.x.shape[-2:]
         ready = int(np.count_nonzero(self.ready))
         return (

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._array_api import is_native
 from .._arrays import Array, integer
 from ..engines.records import Limits
 from ..errors import UfirextError
@@ -64,6 +65,8 @@ def filter_series(
     model : Model
     zs : array_like, (T, dim_z) or (S, T, dim_z)
         One series, or S of them; (T,) where dim_z is 1. NaN (or None in a list) is a missing component.
+        Arrays of torch, JAX or CuPy without NaN are filtered by their library, on their device and in their
+        dtype, where the model is constant (needs array-api-compat).
     horizon : int or "auto"
         Length of the window in steps; "auto" is `best_horizon` of the model.
     lag : int, optional
@@ -117,8 +120,19 @@ def filter_series(
     array([499.5,   5. ])
     """
     arguments.one_of(engine, ENGINES, "engine")
-    series, many = arguments.as_series(zs, model.dim_z)
     given = {"F": Fs, "Q": Qs, "H": Hs, "R": Rs}
+    if not is_native(zs):
+        from .elsewhere import filtered_elsewhere
+
+        refused = {
+            "us": us,
+            "delays": delays,
+            "out": out,
+            "prior": prior,
+            **{f"{k}s": given[k] for k in given},
+        }
+        return filtered_elsewhere(series_plan(model, horizon, lag, noise), zs, engine, refused)
+    series, many = arguments.as_series(zs, model.dim_z)
     changing = PerStep(**arguments.as_per_step(given, model, series.shape[1]))
     horizon, lag = _window(model, horizon, lag)
     shape = series.shape[:2]

@@ -2,26 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
-from ._array_api import Space
-from ._arrays import Array
-from .errors import ShapeError, UfirextError
-from .series.growth import head_states, moved_head
-from .series.plan import SeriesPlan
-from .series.toeplitz import convolve, moved
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["filtered"]
+from .._array_api import Space
+from .._arrays import Array
+from ..errors import ShapeError, UfirextError
+from .constant import head_covariances
+from .estimate import SeriesEstimate
+from .growth import head_states, moved_head
+from .plan import SeriesPlan
+from .toeplitz import convolve, moved
+
+__all__ = ["filtered_elsewhere"]
 
 # Rows that are filtered at once: intermediate products take a few times their memory.
 PIECE = 1 << 22
 
 
-def filtered(plan: SeriesPlan, zs: Any) -> tuple[Any, Any]:
-    """x (.., T, dim_x) and ready (.., T) of zs (T, dim_z) or (S, T, dim_z), (T,) where dim_z is 1.
+def filtered_elsewhere(
+    plan: SeriesPlan, zs: Any, engine: str, refused: Mapping[str, object]
+) -> SeriesEstimate:
+    """The estimates of zs (T, dim_z) or (S, T, dim_z), (T,) where dim_z is 1: x in the library of zs.
 
-    In the library, on the device and in the dtype of zs.
+    `refused`: arguments that only NumPy arrays can have.
     """
+    given = [name for name, value in refused.items() if value is not None]
+    if engine not in ("auto", "toeplitz"):
+        given.append(f"engine={engine!r}")
+    if given:
+        library = type(zs).__module__.partition(".")[0]
+        raise UfirextError(f"{' and '.join(given)} must come with a NumPy array zs, got one of {library}")
+    x = _filtered(plan, zs)
+    first = min(plan.first - 1, x.shape[-2])
+    ready: NDArray[np.bool_] = np.ones(tuple(x.shape[:-1]), dtype=np.bool_)
+    ready[..., :first] = False
+    return SeriesEstimate(x, ready, plan.horizon, plan.lag, partial(_covariances, plan, tuple(x.shape)))
+
+
+def _covariances(plan: SeriesPlan, shape: tuple[int, ...]) -> Array:
+    begin = min(plan.horizon - 1, shape[-2])
+    P = np.empty((shape[-2], shape[-1], shape[-1]))
+    P[:begin], P[begin:] = head_covariances(plan, begin), plan.gain.P
+    return np.broadcast_to(P, (*shape[:-1], shape[-1], shape[-1]))
+
+
+def _filtered(plan: SeriesPlan, zs: Any) -> Any:
     space = Space.of(zs, "zs")
     xp, z = space.xp, space.array(zs, "zs")
     m, n = plan.model.dim_z, plan.model.dim_x
@@ -36,12 +66,9 @@ def filtered(plan: SeriesPlan, zs: Any) -> tuple[Any, Any]:
     begin = min(plan.horizon - 1, z.shape[-2])
     parts = [_head(plan, z[..., :begin, :], space)] if begin else []
     parts += _full(plan, z, space)
-    x = (
-        xp.concat(parts, axis=-2)
-        if parts
-        else xp.zeros((*z.shape[:-1], n), dtype=space.dtype, **space.placed)
-    )
-    return x, ~xp.any(xp.isnan(x), axis=-1)
+    if not parts:
+        return xp.zeros((*z.shape[:-1], n), dtype=space.dtype, **space.placed)
+    return xp.concat(parts, axis=-2)
 
 
 def _head(plan: SeriesPlan, z: Any, space: Space) -> Any:
