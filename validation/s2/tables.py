@@ -47,6 +47,7 @@ def run(study: Study, beta: float) -> Outcome:
     claims = [
         *_about_cells(study.item, found),
         *_about_ratios(study.item, found),
+        _about_order(study.item, found),
         *_about_gamma(study, found),
     ]
     if beta != 1.0:
@@ -72,31 +73,18 @@ def _about_cells(item: str, found: Cells) -> list[Claim]:
         for name, reported in zip(FILTERS, PRINTED[found.beta][gamma], strict=True):
             label = f"gamma = {gamma:g}, {name}"
             if math.isinf(reported):
+                name = f"{label}: spectral radius"
                 diverges = AtLeast(1.0, "diverges")
-                claims.append(
-                    Claim(
-                        "s2", item, f"{label}: spectral radius", diverges, found.radius[gamma], absolute(0.0)
-                    )
-                )
+                claims.append(Claim("s2", item, name, diverges, found.radius[gamma], absolute(0.0)))
                 continue
-            ours, expected = found.drawn[gamma][name], found.expected[gamma][name]
+            ours, expected = found.drawn[gamma][name], rmse(found.expected[gamma][name]).value
             because = TUNED if name == "H-inf" else TRACK
-            chance = ratio(ours, expected).error * rmse(ours).value
+            chance = ratio(ours, found.expected[gamma][name]).error * expected
+            allowed = printed(4) + sampling(4)
             claims.append(
-                Claim(
-                    "s2",
-                    item,
-                    label,
-                    reported,
-                    rmse(ours).value,
-                    printed(4) + sampling(4),
-                    chance,
-                    because,
-                    rmse(expected).value,
-                    "m",
-                )
+                Claim("s2", item, label, reported, rmse(ours).value, allowed, chance, because, expected, "m")
             )
-    return claims  # fmt: skip
+    return claims
 
 
 def _about_ratios(item: str, found: Cells) -> list[Claim]:
