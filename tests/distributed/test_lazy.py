@@ -46,14 +46,21 @@ def test_parts_on_dask_are_the_whole(chunks, series):
     assert (estimate.horizon, estimate.lag, estimate.overlap) == (25, 0, 24)
 
 
-def test_aligned_parts_have_the_bits_of_the_serial_run():
+@pytest.mark.parametrize("series", [None, 3])
+@pytest.mark.parametrize("horizon", [12, 300])
+def test_aligned_parts_have_the_bits_of_the_serial_run(horizon, series):
     model = kinematic(1, 1, 0.1)
-    grid = series_plan(model, 300).alignment
-    zs = measured(3 * grid + 777, model=model)
-    aligned = lazily(model, zs, 300, chunks=grid)
+    grid = series_plan(model, horizon).alignment
+    zs = measured(3 * grid + 777, series, model)
+    aligned = lazily(model, zs, horizon, chunks=grid)
+    if series is not None:
+        assert not aligned.aligned, "parts hold one series each"
+        zs = da.from_array(zs, chunks=(-1, grid, 1))
+        aligned = lazily(model, zs, horizon)
+        zs = zs.compute()
     assert aligned.aligned
-    np.testing.assert_array_equal(aligned.x.compute(), filter_series(model, zs, 300).x)
-    assert not lazily(model, zs, 300, chunks=grid - 1).aligned
+    np.testing.assert_array_equal(aligned.x.compute(), filter_series(model, zs, horizon).x)
+    assert not lazily(model, zs, horizon, chunks=grid - 1).aligned
 
 
 def test_a_dask_array_keeps_its_own_parts():

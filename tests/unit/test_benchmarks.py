@@ -28,6 +28,7 @@ from benchmarks.harness import (
     measure,
     worst_step,
 )
+from benchmarks.memory import JOBS, peak_of
 from benchmarks.report import as_json, as_markdown
 from benchmarks.rows import GROUPS, all_rows
 
@@ -157,6 +158,14 @@ def test_only_a_whole_run_writes_the_results(
     options = [str(target) if option == "R" else option for option in options]
     assert CliRunner().invoke(app, options).exit_code == 0
     assert target.exists() is written
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_every_memory_job_runs_and_tells_its_peak(job: str) -> None:
+    pytest.importorskip("resource", reason="this system does not tell peaks")
+    data, grown, whole = peak_of(job, 2_000)
+    assert data > 2_000 * 16
+    assert 0 <= grown < whole
 
 
 def test_names_are_unique_and_every_group_has_rows() -> None:

@@ -28,8 +28,8 @@ class LazyEstimate:
     horizon, lag, overlap : int
         Length of the window, lag of the estimates, rows each part is preceded by.
     aligned : bool
-        Whether all parts begin and end where a part of the whole series' plan does: series without holes
-        then have the bits of `ufirext.filter_series`, else its numbers to 1e-12.
+        Whether all parts begin and end where a part of the whole series' plan does and hold all series:
+        those without holes then have the bits of `ufirext.filter_series`, else its numbers to 1e-12.
 
     Examples
     --------
@@ -132,8 +132,9 @@ def filter_series(
     extra = [None if a is None else _alongside(da, a, series, many) for a in (delays, us)]
     x = _mapped(da, task, series, extra)
     x = x if many else x[0]
-    lengths, alignment = series.chunks[1], task.plan.alignment
-    aligned = all(length % alignment == 0 for length in lengths[:-1])
+    (*inner, _), alignment = series.chunks[1] or (0,), task.plan.alignment
+    # Series are filtered in groups, which parts of the first axis would cut elsewhere.
+    aligned = len(series.chunks[0]) < 2 and all(length % alignment == 0 for length in inner)
     return LazyEstimate(x, ~da.isnan(x).any(axis=-1), task.horizon, task.lag, task.overlap, aligned)
 
 
