@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -151,3 +153,29 @@ def test_several_series_that_change_alike():
     together = filter_series(model, zs, 10, **options)
     for one, z in zip(together.x, zs, strict=True):
         np.testing.assert_array_equal(one, filter_series(model, z, 10, **options).x)
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+@pytest.mark.parametrize("kinds", ["changing rows late inputs", "components"])
+@pytest.mark.parametrize("name", ["plane", "unstable", "delayed"])
+def test_the_compiled_loop_has_the_same_numbers(name, kinds, lag):
+    pytest.importorskip("numba")
+    model, zs, options = everything(kinds, MODELS[name], STEPS, seed=1)
+    for horizon in (5, 30):
+        assert_same(
+            filter_series(model, zs, horizon, lag=lag, engine="numba", **options),
+            filter_series(model, zs, horizon, lag=lag, engine="scan", **options),
+        )
+
+
+def test_without_numba_the_compiled_loop_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    monkeypatch.delitem(sys.modules, "ufirext.series.compiled", raising=False)
+    with pytest.raises(ImportError, match=r"pip install 'ufirext\[numba\]', or use engine=\"auto\""):
+        filter_series(kinematic(1, 1, 0.1), [1.0, 2.0], 2, engine="numba")
+
+
+def test_without_rich_the_bar_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rich.progress", None)
+    with pytest.raises(ImportError, match="progress=True needs rich: pip install rich"):
+        filter_series(kinematic(1, 1, 0.1), [1.0, 2.0], 2, progress=True)

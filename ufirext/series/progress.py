@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ..errors import UfirextError
-
 __all__ = ["Progress", "ticking"]
 
 Progress = bool | Callable[[int, int], object]
@@ -36,7 +34,7 @@ def _bar(total: int) -> Iterator[Callable[[int], None]]:
     try:
         from rich.progress import Progress as Bar
     except ImportError as error:
-        raise UfirextError("progress=True needs rich: pip install rich; or give a callable") from error
+        raise ImportError("progress=True needs rich: pip install rich; or give a callable") from error
     with Bar() as bar:
         task = bar.add_task("filtering", total=total)
         yield lambda samples: bar.update(task, advance=samples)

@@ -9,6 +9,7 @@ together: a step is one product of stacks of small matrices, at a cost that does
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from .batched import positive_solution
 from .rows import Rows
 from .windows import Mask, Windows
 
-__all__ = ["Scan"]
+__all__ = ["Scan", "Scanner"]
 
 # Scaled pivots below this cost normal equations too many digits: such windows are solved one by one.
 WEAK_PIVOT = 0.03
@@ -33,12 +34,17 @@ WIDE = 6
 TOGETHER = 4096
 
 
-class Scan(Windows):
-    """One series."""
+Scanner = Callable[[Array, Array, int, int, float, Array, Mask], None]
 
-    def __init__(self, rows: Rows, limits: Limits, lag: int, coasts: bool) -> None:
+
+class Scan(Windows):
+    """One series; `scanner` takes the place of the blocks side by side."""
+
+    def __init__(
+        self, rows: Rows, limits: Limits, lag: int, coasts: bool, scanner: Scanner | None = None
+    ) -> None:
         super().__init__(rows.came, limits, lag, coasts, 1 + rows.longest)
-        self.rows = rows
+        self.rows, self.scanner = rows, scanner
         self.origins = np.arange(len(rows.came)) - rows.delays
 
     def instants(self, step: int, begin: int) -> int:
@@ -58,6 +64,10 @@ class Scan(Windows):
         states[:, -1] = 1.0
         G, A = self.rows.shifted()
         spacing, n = self.limits.horizon - self.lag, x.shape[1]
+        if self.scanner is not None:
+            self.scanner(G, A, self.limits.horizon, self.lag, WEAK_PIVOT, states, sound)
+            x[...] = self.rows.recent(states, self.lag)[:, :-1, 0]
+            return sound & wanted
         blocks = max(4, TABLE // (self.limits.horizon * 2 * (n + 1) * n))
         for start in range(0, len(x), blocks * spacing):
             count = min(blocks, -(-(len(x) - start) // spacing))

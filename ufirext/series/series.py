@@ -23,7 +23,7 @@ from .plan import SeriesPlan, chosen_horizon, model_with, series_plan
 from .progress import Progress, ticking
 from .request import PerStep, Request
 from .rows import rows_of
-from .scan import Scan
+from .scan import Scan, Scanner
 from .stepwise import stepwise, stepwise_covariances
 
 __all__ = ["filter_series"]
@@ -81,8 +81,10 @@ def filter_series(
         None: UFIR, which needs no Q. A pair: minimum variance under it, as in `FMSFilterSmoother`.
     window : {"arrivals", "origins"}
         As in `UFIRFilter`.
-    engine : {"auto", "toeplitz", "stepwise", "numba"}
-        How it is done; all give the same numbers. "stepwise" goes through the streaming classes.
+    engine : {"auto", "toeplitz", "scan", "stepwise", "numba"}
+        How it is done; all give the same numbers. "toeplitz": matrix products, for constant models without
+        holes. "scan": blocks side by side, for UFIR of any kind. "numba": the same as a compiled loop (needs
+        numba; the first call compiles). "stepwise": the streaming classes, whatever the series holds.
     out : ndarray of float, (T, dim_x) or (S, T, dim_x), optional
         Where x is written; may be memory-mapped.
     progress : bool or callable
@@ -154,7 +156,7 @@ def filter_series(
     ready: Mask = np.zeros(shape, dtype=np.bool_)
     kinds = _kinds(request, engine)
     with ticking(progress, shape[0] * shape[1]) as tick:
-        _run(request, kinds, x if many else x[None], ready, tick)
+        _run(request, kinds, engine, x if many else x[None], ready, tick)
     covariances = partial(_covariances, request, kinds, many)
     return SeriesEstimate(x, ready if many else ready[0], horizon, lag, covariances)
 
@@ -190,6 +192,8 @@ def _require_possible(request: Request, window: str) -> None:
 
 def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
     """What each series needs: CONSTANT, HOLES, SCAN or STEPWISE."""
+    if engine in ("scan", "numba") and not request.unbiased:
+        raise UfirextError(f'engine="{engine}" needs UFIR (noise=None); use engine="auto"')
     kinds: NDArray[np.int8] = np.full(request.count, CONSTANT, dtype=np.int8)
     broken = arguments.holes(request.z)
     simple = request.per_step.empty and request.delays is None
@@ -199,7 +203,7 @@ def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
         )
     if engine == "stepwise" or (request.missing == "predict" and broken.any()):
         kinds[:] = STEPWISE
-    elif engine == "scan" or not simple:
+    elif engine in ("scan", "numba") or not simple:
         kinds[:] = SCAN if request.unbiased else STEPWISE
     elif broken.any():
         plan = hole_plan(_plan(request), request.missing != "skip")
@@ -209,8 +213,9 @@ def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
     return kinds
 
 
-def _run(request: Request, kinds: NDArray[np.int8], x: Array, ready: Mask, tick: Tick) -> None:
-    for kind, run in ((CONSTANT, _constant), (HOLES, _holes), (SCAN, _scanned), (STEPWISE, _by_steps)):
+def _run(request: Request, kinds: NDArray[np.int8], engine: str, x: Array, ready: Mask, tick: Tick) -> None:
+    scanned = partial(_scanned, scanner=_compiled()) if engine == "numba" else _scanned
+    for kind, run in ((CONSTANT, _constant), (HOLES, _holes), (SCAN, scanned), (STEPWISE, _by_steps)):
         chosen = kinds == kind
         if chosen.all() and len(chosen):
             run(request, x, ready, tick)
@@ -263,7 +268,7 @@ def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         tick(request.steps)
 
 
-def _scanned(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
+def _scanned(request: Request, x: Array, ready: Mask, tick: Tick, scanner: Scanner | None = None) -> None:
     """Whatever changes from step to step, one series after the other."""
     index = observability_index(request.model) or 1
     limits = Limits(request.horizon, index + 2, request.missing != "skip", request.by_arrival)
@@ -272,10 +277,23 @@ def _scanned(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         if rows is None:
             stepwise(one, x[series : series + 1], ready[series : series + 1])
         else:
-            Scan(rows, limits, request.lag, request.missing == "extend").fill(x[series], ready[series])
+            Scan(rows, limits, request.lag, request.missing == "extend", scanner).fill(
+                x[series], ready[series]
+            )
             if request.prior is not None and not ready[series].all():
                 _warm_up(one, x[series], ready[series])
         tick(request.steps)
+
+
+def _compiled() -> Scanner:
+    try:
+        from .compiled import scan_series
+    except ImportError as error:
+        raise ImportError(
+            'engine="numba" needs numba: pip install \'ufirext[numba]\', or use engine="auto"'
+        ) from error
+    scanner: Scanner = scan_series
+    return scanner
 
 
 def _warm_up(request: Request, x: Array, ready: Mask) -> None:
