@@ -293,6 +293,7 @@ def test_plans_are_shared_and_say_what_they_do():
         ({"prior": (np.zeros(3), np.eye(4))}, ShapeError, r"prior\[0\] \(x\) must have shape \(4,\)"),
         ({"prior": (np.zeros(4), np.eye(4)), "lag": 1}, UfirextError, "a prior needs lag=0"),
         ({"out": np.zeros((3, 2))}, ShapeError, r"out must have shape \(3, 4\)"),
+        ({"engine": "scan", "noise": (1.0, 1.0)}, UfirextError, 'engine="scan" needs UFIR'),
         ({"out": [0.0]}, ShapeError, "out must be a writeable array of floats, got list"),
         ({"Fs": np.zeros((2, 4, 4))}, ShapeError, r"Fs must have shape \(3, 4, 4\) \(T, dim_x, dim_x\)"),
         ({"Rs": [np.diag([1.0, -1.0])] * 3}, ValueError, r"Rs\[0\] must be positive semidefinite"),

@@ -16,12 +16,27 @@ if TYPE_CHECKING:
     from ._surface import FilterSurface
 
 PerStep = Iterable[ArrayLike | None] | None
+# Series from so many steps on may be worked out at once.
+LONG = 2000
 
 
 def run_series(
     f: FilterSurface, zs: Sequence[Any] | Array, per_step: Sequence[PerStep], update_first: bool, saver: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Means and covariances after update and after predict; `per_step` holds Fs, Qs, Hs, Rs, Bs, us."""
+    if not update_first and saver is None and len(zs) >= LONG:
+        from ..series.hook import whole_series  # a long series is worth the import
+
+        found = whole_series(f, zs, per_step, lambda part: _stream(f, part, per_step, False, None))
+        if found is not None:
+            return found
+    return _stream(f, zs, per_step, update_first, saver)
+
+
+def _stream(
+    f: FilterSurface, zs: Sequence[Any] | Array, per_step: Sequence[PerStep], update_first: bool, saver: Any
+) -> tuple[Array, Array, Array, Array]:
+    """Step by step."""
     count, form = len(zs), (f.dim_x, 1) if f._state.form == 2 else (f.dim_x,)
     means, means_p = np.zeros((count, *form)), np.zeros((count, *form))
     covs, covs_p = (np.zeros((count, f.dim_x, f.dim_x)) for _ in range(2))
