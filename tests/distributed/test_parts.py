@@ -13,6 +13,7 @@ from ufirext.distributed import BeyondOverlap, BeyondOverlapWarning, chunk_lengt
 from ufirext.distributed.part import checked
 from ufirext.errors import HorizonError
 
+PLANE = MODELS["plane"]
 OPTIONS = {
     "lag": 0,
     "missing": "extend",
@@ -92,18 +93,23 @@ def test_delays_and_inputs():
 @given(
     seed=st.integers(0, 10_000),
     lost=st.floats(0.0, 0.95),
+    component=st.sampled_from([0.0, 0.5]),
     gap=st.integers(0, 90),
+    since=st.integers(-60, 10),
     overlap=st.integers(0, 60),
     name=st.sampled_from(["velocity", "plane"]),
 )
-@settings(max_examples=60)
-def test_whatever_is_missing_a_part_is_exact_or_says_it_is_not(seed, lost, gap, overlap, name):
+@settings(max_examples=80)
+def test_whatever_is_missing_a_part_is_exact_or_says_it_is_not(
+    seed, lost, component, gap, since, overlap, name
+):
     """Never a wrong number silently: the theorem of this module."""
     model, horizon, start = MODELS[name], 5, 160
     rng = np.random.default_rng(seed)
     z = measured(model, 300, seed)
     z[0, rng.random(300) < lost] = np.nan
-    z[0, start - gap : start - gap // 2] = np.nan
+    z[rng.random(z.shape) < component] = np.nan
+    z[0, start + since : start + since + gap] = np.nan
     job = task(model, horizon, horizon - 1 + overlap)
     x = whole(model, z, horizon)
     try:
@@ -111,6 +117,40 @@ def test_whatever_is_missing_a_part_is_exact_or_says_it_is_not(seed, lost, gap, 
     except BeyondOverlap:
         return
     close(part, x[:, start:], 1e-11)
+
+
+@pytest.mark.parametrize("since", range(-7, 4))
+def test_a_gap_anywhere_about_the_edge_is_exact_or_said(since):
+    model, horizon, start = MODELS["velocity"], 5, 160
+    z = measured(model, 300)
+    z[0, start + since : start + since + 20] = np.nan
+    x = whole(model, z, horizon)
+    said = False
+    for overlap in (4, 6, 30):
+        job = task(model, horizon, overlap)
+        try:
+            part = job.run(z[:, start - overlap :], start, overlap)
+        except BeyondOverlap:
+            said = True
+        else:
+            close(part, x[:, start:], 1e-11)
+    assert said is (since < 1), "a gap that begins after a full window is within the part"
+
+
+def test_one_axis_that_is_silent_about_the_edge_is_said():
+    """Rows enough, and yet one state is known from before the overlap alone."""
+    model, start = PLANE, 160
+    z = measured(model, 300)
+    z[0, 140:170, 1] = np.nan
+    job = task(model, 5)
+    with pytest.raises(BeyondOverlap, match="rows 160 to"):
+        job.run(z[:, start - 4 :], start, 4)
+    enough = task(model, 5, job.sufficient) if job.sufficient < start else task(model, 5, start - 5)
+    close(
+        enough.run(z[:, start - enough.overlap :], start, enough.overlap),
+        whole(model, z, 5)[:, start:],
+        1e-11,
+    )
 
 
 @pytest.mark.parametrize("missing", ["extend", "skip"])

@@ -43,6 +43,14 @@ def test_short_and_long_windows(horizon):
     play(MODELS["velocity"], horizon, Traffic(MODELS["velocity"], 3, 60, lost=0.3))
 
 
+@pytest.mark.parametrize("horizon", [10, 40])
+def test_normal_equations_lose_no_digits_on_few_rows_far_from_the_origin(horizon):
+    """Without the step of correction the error is 4e-12 here."""
+    traffic = Traffic(MODELS["acceleration"], 12, 70, seed=horizon, lost=0.7)
+    traffic.Z += 1e3
+    play(MODELS["acceleration"], horizon, traffic)
+
+
 def test_correlated_noises_and_lost_components():
     model = PLANE.replace(R=[[4.0, 1.5], [1.5, 1.0]])
     play(model, 6, Traffic(model, 4, 40, lost=0.2, component=0.3, late=0.2))
