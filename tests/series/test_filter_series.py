@@ -308,3 +308,30 @@ def test_bad_input_says_what_is_wrong(change, error, message):
     asked = {"zs": np.zeros((3, 2)), "horizon": 10, **change}
     with pytest.raises(error, match=message):
         filter_series(kinematic(1, 2, 0.1), **asked)
+
+
+@pytest.mark.parametrize("engine", ["auto", "toeplitz", "scan", "stepwise"])
+@pytest.mark.parametrize("count", [0, 2])
+@pytest.mark.parametrize("steps", [0, 1])
+def test_hardly_anything_to_filter(engine, count, steps):
+    model = kinematic(1, 1, 0.1)
+    estimate = filter_series(model, np.ones((count, steps, 1)), 5, engine=engine)
+    assert estimate.x.shape == estimate.P.shape[:-1] == (count, steps, 2)
+    assert not estimate.ready.any()
+
+
+def test_series_with_holes_into_single_precision():
+    model = kinematic(1, 1, 0.1)
+    zs = measured(model, 80)
+    zs[20:30] = np.nan
+    expected = filter_series(model, zs, 10).x
+    out = np.empty((80, 2), dtype=np.float32)
+    filter_series(model, zs, 10, out=out)
+    np.testing.assert_array_equal(out, expected.astype(np.float32))
+
+
+def test_results_may_not_overwrite_what_is_still_read():
+    model = Model(np.eye(2), np.eye(2))
+    zs = measured(model, 30)
+    with pytest.raises(UfirextError, match="out must not share memory with zs"):
+        filter_series(model, zs, 5, out=zs)

@@ -202,7 +202,7 @@ def as_prior(prior: Any, model: Model, count: int) -> Prior | None:
     return Prior(np.broadcast_to(mean, (count, n)), np.broadcast_to(spread, (count, n, n)))
 
 
-def as_output(out: Any, shape: tuple[int, ...]) -> Array:
+def as_output(out: Any, shape: tuple[int, ...], z: Array) -> Array:
     """The array results are written to: the caller's, or a fresh one."""
     if out is None:
         return np.empty(shape)
@@ -210,6 +210,8 @@ def as_output(out: Any, shape: tuple[int, ...]) -> Array:
         raise ShapeError(f"out must be a writeable array of floats, got {type(out).__name__}")
     if out.shape != shape:
         raise ShapeError(f"out must have shape {shape}, as x has, got {out.shape}")
+    if np.may_share_memory(out, z):
+        raise UfirextError("out must not share memory with zs, which is still read while out is written")
     return out
 
 

@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .._array_api import is_native
 from .._arrays import Array, integer
-from ..engines.records import Limits
 from ..errors import UfirextError
 from ..filters._window_state import MISSING, WINDOWS
-from ..gains import observability_index
 from ..model import Model
 from . import arguments
-from .constant import Tick, convolved, head_covariances
+from .covariances import covariances
+from .engines import ENGINES, kinds_of, plan_of, run
 from .estimate import SeriesEstimate
-from .holes import Holes, hole_plan, present_in
-from .plan import SeriesPlan, chosen_horizon, model_with, series_plan
+from .plan import chosen_horizon, model_with, series_plan
 from .progress import Progress, ticking
 from .request import PerStep, Request
-from .rows import rows_of
-from .scan import Scan, Scanner
-from .stepwise import stepwise, stepwise_covariances
+from .windows import Mask
 
 __all__ = ["filter_series"]
-
-Mask = NDArray[np.bool_]
-# Numbers of growing windows that are worked out together, so that they stay in a processor's cache.
-GROWING_TOGETHER = 16_384
-CONSTANT, HOLES, SCAN, STEPWISE = range(4)
-ENGINES = ("auto", "toeplitz", "scan", "stepwise", "numba")
 
 
 def filter_series(
@@ -152,13 +141,13 @@ def filter_series(
         per_step=changing,
     )
     _require_possible(request, window)
-    x = arguments.as_output(out, (*shape, model.dim_x) if many else (shape[1], model.dim_x))
+    x = arguments.as_output(out, (*shape, model.dim_x) if many else (shape[1], model.dim_x), series)
     ready: Mask = np.zeros(shape, dtype=np.bool_)
-    kinds = _kinds(request, engine)
+    kinds = kinds_of(request, engine)
     with ticking(progress, shape[0] * shape[1]) as tick:
-        _run(request, kinds, engine, x if many else x[None], ready, tick)
-    covariances = partial(_covariances, request, kinds, many)
-    return SeriesEstimate(x, ready if many else ready[0], horizon, lag, covariances)
+        run(request, kinds, engine, x if many else x[None], ready, tick)
+    spread = partial(covariances, request, kinds, many)
+    return SeriesEstimate(x, ready if many else ready[0], horizon, lag, spread)
 
 
 def _window(model: Model, horizon: int | str, lag: int) -> tuple[int, int]:
@@ -172,7 +161,7 @@ def _require_possible(request: Request, window: str) -> None:
     arguments.one_of(window, WINDOWS, "window")
     arguments.one_of(request.missing, MISSING, "missing")
     if request.per_step.F is None and request.per_step.H is None:
-        _plan(request)  # raises where full windows of the constant model do not determine the state
+        plan_of(request)  # raises where full windows of the constant model do not determine the state
     if request.prior is not None and request.lag:
         raise UfirextError(
             f"a prior needs lag=0, because the warm-up has no lagged states, got lag={request.lag}"
@@ -188,153 +177,3 @@ def _require_possible(request: Request, window: str) -> None:
             'minimum variance with delays needs window="origins": its window holds the states of the last '
             "horizon steps"
         )
-
-
-def _kinds(request: Request, engine: str) -> NDArray[np.int8]:
-    """What each series needs: CONSTANT, HOLES, SCAN or STEPWISE."""
-    if engine in ("scan", "numba") and not request.unbiased:
-        raise UfirextError(f'engine="{engine}" needs UFIR (noise=None); use engine="auto"')
-    kinds: NDArray[np.int8] = np.full(request.count, CONSTANT, dtype=np.int8)
-    broken = arguments.holes(request.z)
-    simple = request.per_step.empty and request.delays is None
-    if engine == "toeplitz" and (broken.any() or not simple):
-        raise UfirextError(
-            'engine="toeplitz" needs a constant model and series without holes and delays; use engine="auto"'
-        )
-    if engine == "stepwise" or (request.missing == "predict" and broken.any()):
-        kinds[:] = STEPWISE
-    elif engine in ("scan", "numba") or not simple:
-        kinds[:] = SCAN if request.unbiased else STEPWISE
-    elif broken.any():
-        plan = hole_plan(_plan(request), request.missing != "skip")
-        for series in np.flatnonzero(broken).tolist():
-            held = request.us is None and plan.holds(present_in(request, series))
-            kinds[series] = HOLES if held else SCAN if request.unbiased else STEPWISE
-    return kinds
-
-
-def _run(request: Request, kinds: NDArray[np.int8], engine: str, x: Array, ready: Mask, tick: Tick) -> None:
-    scanned = partial(_scanned, scanner=_compiled()) if engine == "numba" else _scanned
-    for kind, run in ((CONSTANT, _constant), (HOLES, _holes), (SCAN, scanned), (STEPWISE, _by_steps)):
-        chosen = kinds == kind
-        if chosen.all() and len(chosen):
-            run(request, x, ready, tick)
-        elif chosen.any():
-            part = np.empty((int(chosen.sum()), *x.shape[1:]))
-            seen = np.zeros(part.shape[:2], dtype=np.bool_)
-            run(request.only(chosen), part, seen, tick)
-            x[chosen], ready[chosen] = part, seen
-
-
-def _by_steps(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
-    stepwise(request, x, ready, tick=tick)
-
-
-def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
-    """A constant model and series without holes."""
-    plan, z, us = _plan(request), request.z, request.us
-    if us is None:
-        convolved(plan.convolution, z, x, plan.alignment, tick)
-    else:
-        convolved(plan.with_inputs, np.concatenate([z, us], axis=2), x, plan.alignment, tick)
-    begin = min(plan.horizon - 1, request.steps)
-    if begin and plan.head is None:
-        stepwise(request, x, ready, stop=begin)
-        ready[:, begin:] = True
-        return
-    if begin:
-        together = max(1, GROWING_TOGETHER // (begin * request.model.dim_x))
-        for first in range(0, request.count, together):
-            some = slice(first, first + together)
-            pushed = None if us is None else us[some, :begin]
-            x[some, :begin] = plan.head_states(np.asarray(z[some, :begin], dtype=float), pushed)
-    ready[:, plan.first - 1 :] = True
-    if request.prior is not None and plan.first > 1:
-        stepwise(request, x, ready, stop=plan.first - 1)
-
-
-def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
-    """A constant model and series with holes, one after the other."""
-    plan = hole_plan(_plan(request), request.missing != "skip")
-    for series in range(request.count):
-        one = request.only(slice(series, series + 1))
-        z, present = np.asarray(one.z[0], dtype=float), present_in(request, series)
-        filled = replace(one, z=np.where(present, z, 0.0)[None], prior=None)
-        _constant(filled, x[series : series + 1], ready[series : series + 1], lambda samples: None)
-        windows = Holes(plan, z, present, request.missing)
-        windows.fill(x[series], ready[series], windows.broken)
-        if request.prior is not None and not ready[series].all():
-            _warm_up(one, x[series], ready[series])
-        tick(request.steps)
-
-
-def _scanned(request: Request, x: Array, ready: Mask, tick: Tick, scanner: Scanner | None = None) -> None:
-    """Whatever changes from step to step, one series after the other."""
-    index = observability_index(request.model) or 1
-    limits = Limits(request.horizon, index + 2, request.missing != "skip", request.by_arrival)
-    for series in range(request.count):
-        one, rows = request.only(slice(series, series + 1)), rows_of(request, series, limits)
-        if rows is None:
-            stepwise(one, x[series : series + 1], ready[series : series + 1])
-        else:
-            Scan(rows, limits, request.lag, request.missing == "extend", scanner).fill(
-                x[series], ready[series]
-            )
-            if request.prior is not None and not ready[series].all():
-                _warm_up(one, x[series], ready[series])
-        tick(request.steps)
-
-
-def _compiled() -> Scanner:
-    try:
-        from .compiled import scan_series
-    except ImportError as error:
-        raise ImportError(
-            'engine="numba" needs numba: pip install \'ufirext[numba]\', or use engine="auto"'
-        ) from error
-    scanner: Scanner = scan_series
-    return scanner
-
-
-def _warm_up(request: Request, x: Array, ready: Mask) -> None:
-    """What the Kalman filter of the prior says wherever the window does not suffice."""
-    missing = np.flatnonzero(~ready)
-    states, seen = np.empty((1, *x.shape)), np.empty((1, len(x)), dtype=np.bool_)
-    stepwise(request, states, seen, stop=int(missing[-1]) + 1)
-    x[missing] = states[0, missing]
-
-
-def _plan(request: Request) -> SeriesPlan:
-    return series_plan(request.model, request.horizon, request.lag, unbiased=request.unbiased)
-
-
-def _covariances(request: Request, kinds: NDArray[np.int8], many: bool) -> Array:
-    """P of all series: those of series without holes are the same but for the prior."""
-    shape, n = (request.count, request.steps), request.model.dim_x
-    regular = kinds == CONSTANT
-    if len(kinds) and not regular.any():
-        P = stepwise_covariances(request)
-        return P if many else P[0]
-    common = _common_covariances(request, _plan(request))
-    if regular.all() and request.prior is None:
-        return np.broadcast_to(common, (*shape, n, n)) if many else common
-    P = np.empty((*shape, n, n))
-    P[regular] = common
-    if not regular.all():
-        P[~regular] = stepwise_covariances(request.only(~regular))
-    if request.prior is not None:
-        stop = _plan(request).first - 1
-        head = replace(request.only(regular), z=request.z[regular, :stop])
-        P[regular, :stop] = stepwise_covariances(head)
-    return P if many else P[0]
-
-
-def _common_covariances(request: Request, plan: SeriesPlan) -> Array:
-    n, begin = request.model.dim_x, min(plan.horizon - 1, request.steps)
-    P = np.empty((request.steps, n, n))
-    P[begin:] = plan.gain.P
-    if begin and plan.head is None:
-        P[:begin] = stepwise_covariances(replace(request.only(slice(1)), z=request.z[:1, :begin]))[0]
-    elif begin:
-        P[:begin] = head_covariances(plan, begin)
-    return P
