@@ -92,8 +92,6 @@ def _statsmodels(
 
     def prepare() -> Run:
         f = statespace.KalmanFilter(model.dim_z, model.dim_x, k_posdef=model.dim_x)
-        f.set_filter_method(statespace.FILTER_CONVENTIONAL)
-        f.memory_no_forecast_cov = f.memory_no_predicted = f.memory_no_gain = True
         f.bind(zs)
         given = {"transition": model.F, "state_cov": model.Q, "design": model.H, "obs_cov": model.R}
         for name, matrix in given.items():

@@ -47,7 +47,7 @@ class SeriesPlan:
     >>> series_plan(kinematic(1, 1, 0.1), 300)
     SeriesPlan(UFIR, dim_x=2, dim_z=1, horizon=300, lag=0
       first estimate after 2 steps, full windows after 300
-      full windows: blocks of 10 outputs, two levels, 61 multiplications a step (direct: 600)
+      full windows: blocks of 10 outputs, 3 levels, 53 multiplications a step (direct: 600)
       alignment 16380, reach 299)
     """
 
@@ -121,7 +121,7 @@ class SeriesPlan:
         return (
             f"SeriesPlan({kind}, {sizes}, horizon={self.horizon}, lag={self.lag}\n"
             f"  first estimate after {self.first} steps, full windows after {self.horizon}\n"
-            f"  full windows: blocks of {op.block} outputs, {'two levels' if op.far else 'one level'}, "
+            f"  full windows: blocks of {op.block} outputs, {op.levels} level{'s' if op.far else ''}, "
             f"{op.multiplications:.0f} multiplications a step (direct: {direct})\n"
             f"  alignment {self.alignment}, reach {self.reach()})"
         )

@@ -72,8 +72,8 @@ class Convolution(NamedTuple):
 
     @property
     def levels(self) -> int:
-        """1, or 2 where moments are used."""
-        return 2 if self.far else 1
+        """1, and one more for moments, and for moments of moments."""
+        return 1 + max((far.inner.levels for far in self.far), default=0)
 
 
 def moved(op: Convolution, convert: Callable[[Array], Any]) -> Convolution:
@@ -139,7 +139,8 @@ def _double_block(length: int, inputs: int, outputs: int) -> int:
     def cost(B: int) -> float:
         count, rest = divmod(length - B, B)
         near = _cost(B, 2 * B - 1 + rest + rank / inputs, inputs, outputs)
-        return near + inputs * rank + 1.3 * max(count, 1) * rank * rank / B
+        # The moments are convolved in turn, in two levels once there are many.
+        return near + inputs * rank + min(1.3 * max(count, 1), 3.0 * WIDE) * rank * rank / B
 
     longest = length // 3
     return min(range(min(max(2, -(-WIDE // outputs)), longest), longest + 1), key=cost)
@@ -194,7 +195,7 @@ def _two_levels(taps: Array, B: int) -> Convolution | None:
     near = [piece for piece in near if piece[1]]
     places = np.concatenate([np.arange(o, o + w) for o, w in near]) - (length - 1)
     E = np.concatenate([_entries(taps, places, B), seen * np.tile(size, B)])
-    inner = _one_level(transport, _single_block(*transport.shape))
+    inner = convolution(transport)
     far = Far(B - 1, count, np.ascontiguousarray(local), inner)
     return Convolution(B, length - 1, inputs, outputs, tuple(near), (far,), np.ascontiguousarray(E))
 
