@@ -31,8 +31,16 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
     "local_links",
+    "measured",
 ]
-exclude_patterns = ["_build", "_extensions", "inventories", "gallery/*.ipynb", "sg_execution_times.rst"]
+exclude_patterns = [
+    "_build",
+    "_extensions",
+    "generated/results.md",
+    "inventories",
+    "gallery/*.ipynb",
+    "sg_execution_times.rst",
+]
 templates_path = ["_templates"]
 
 
