@@ -83,8 +83,7 @@ def filter_dataarray(
         lead = values.shape[:-2]
         flat = values.reshape((-1, *values.shape[-2:]))
         if isinstance(flat, np.ndarray):
-            estimate = filter_whole(model, flat, horizon, **options)
-            x = np.where(estimate.ready[..., None], estimate.x, np.nan)
+            x = filter_whole(model, flat, horizon, **options).x
         else:
             x = filter_series(model, flat, horizon, **options).x
         return x.reshape((*lead, *x.shape[-2:]))

@@ -108,7 +108,7 @@ class Task:
         """
         if z.shape[1] == before:
             return np.empty((len(z), 0, self.model.dim_x))
-        holes = np.isnan(z).any(axis=(1, 2)) if z.dtype.kind == "f" else np.zeros(len(z), bool)
+        holes = np.array([_has_hole(one) for one in z], dtype=bool)
         if delays is not None or us is not None:
             x = self._filtered(z, delays, us)[:, before:]
         elif not holes.any():
@@ -125,8 +125,7 @@ class Task:
 
     def _filtered(self, z: Array, delays: Any, us: Array | None) -> Array:
         options: dict[str, Any] = {"missing": self.missing, "noise": self.noise, "window": self.window}
-        estimate = filter_series(self.model, z, self.horizon, lag=self.lag, delays=delays, us=us, **options)
-        return np.where(estimate.ready[..., None], estimate.x, np.nan)
+        return filter_series(self.model, z, self.horizon, lag=self.lag, delays=delays, us=us, **options).x
 
     def _aligned(self, z: Array, start: int, before: int) -> Array:
         """Of series without holes: zeros in front put every row where it has its place in the whole series.
@@ -184,6 +183,14 @@ class Task:
         lost = newest <= steps[before:] - limits.reach
         known = ready | (steps[before:] >= limits.reach - 1)
         return np.asarray(lost | ((newest >= limits.horizon - 1) & enough & known))
+
+
+def _has_hole(z: Array) -> bool:
+    """Whether a measurement is missing; the sum of squares is the quickest look."""
+    if z.dtype.kind != "f":
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        return not np.isfinite(np.vdot(z, z)) and bool(np.isnan(z).any())
 
 
 def checked(
