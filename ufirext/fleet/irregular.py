@@ -54,7 +54,8 @@ class Irregular:
         """The rows that arrived within the horizon, where they are instants enough."""
         xp, horizon = self.space.xp, self.limits.horizon
         batch = history.batch(tracks, now, horizon)
-        if not history.older and bool(xp.all(batch.mask == batch.mask[:, :, :1])):
+        alike = batch.delays is None and bool(xp.all(batch.mask == batch.mask[:, :, :1]))
+        if alike and not history.older:
             return self._by_pattern(batch, np.arange(len(tracks)))  # they all began together
         length = horizon if batch.delays is None else horizon + int(xp.max(batch.delays))
         sums, counts = by_origin(batch, self.space, length)
@@ -63,29 +64,50 @@ class Irregular:
         return self._solved(batch, sums, counts, enough)
 
     def _extended(self, history: History, now: int, tracks: Ints) -> tuple[Any, Ints]:
-        """Older rows as well, until they are instants enough; late rows are left to the patterns."""
-        space, xp, horizon = self.space, self.space.xp, self.limits.horizon
+        """Older rows as well, newest first, until they are instants enough."""
+        space, xp = self.space, self.space.xp
         batch = history.batch(tracks, now, self.limits.reach)
-        count = len(tracks)
-        nothing = xp.full((count, self.model.dim_x), np.nan, dtype=space.dtype, **space.placed)
-        if batch.delays is not None:
-            return nothing, np.full(count, -1)
-        present = space.host(xp.any(batch.mask, axis=1))
-        chosen = np.cumsum(present, axis=0) <= self.wanted
-        chosen[:horizon] = True
+        mask, delays = self.held(batch, np.arange(len(tracks)))
+        present = mask.any(axis=1)
+        chosen = self._chosen(present, delays)
         spans = _spans(_oldest(present & chosen))
-        oldest = np.full(count, -1)
+        x = xp.full((len(tracks), self.model.dim_x), np.nan, dtype=space.dtype, **space.placed)
+        oldest = np.full(len(tracks), -1)
         for span in np.unique(spans).tolist():
             members = np.flatnonzero(spans == span)
-            where, ages = space.indices(members), min(span, len(present))
-            keep = space.indices(chosen[:ages, None, members])
-            mask = xp.take(batch.mask[:ages, ...], where, axis=2) & keep
-            values = xp.take(batch.values[:ages, ...], where, axis=2)
-            part = Batch(xp.where(mask, values, xp.zeros_like(values)), mask, None)
-            sums, counts = by_origin(part, space, span)
-            x, oldest[members] = self._solved(part, sums, counts, np.ones(len(members), bool))
-            nothing = space.put_rows(nothing, where, x)
-        return nothing, oldest
+            part = self._part(batch, members, chosen[:span])
+            late = 0 if delays is None else int(delays[:span, members].max())
+            length = int(_spans(np.array(part.mask.shape[0] - 1 + late)))
+            sums, counts = by_origin(part, space, length)
+            rows, oldest[members] = self._solved(part, sums, counts, np.ones(len(members), bool))
+            x = space.put_rows(x, space.indices(members), rows)
+        return x, oldest
+
+    def _chosen(self, present: Any, delays: Any) -> Any:
+        """Which rows (ages, tracks) count: the window's, and older ones while there are too few instants."""
+        fresh = present
+        if delays is not None:
+            fresh, tracks = np.zeros_like(present), np.arange(present.shape[1])
+            seen = np.zeros((len(present) + int(delays.max()), len(tracks)), bool)
+            for age, came in enumerate(present):
+                origin = age + delays[age]
+                fresh[age] = came & ~seen[origin, tracks]
+                seen[origin[came], tracks[came]] = True
+        newer = np.cumsum(fresh, axis=0) - fresh
+        chosen = newer < self.wanted
+        chosen[: self.limits.horizon] = True
+        return chosen
+
+    def _part(self, batch: Batch, tracks: Ints, chosen: Any) -> Batch:
+        """Some tracks of a batch, and of their rows those chosen."""
+        space, xp = self.space, self.space.xp
+        where, ages = space.indices(tracks), len(chosen)
+        mask = xp.take(batch.mask[:ages, ...], where, axis=2) & space.indices(chosen[:, None, tracks])
+        values = xp.take(batch.values[:ages, ...], where, axis=2)
+        delays = None if batch.delays is None else xp.take(batch.delays[:ages, ...], where, axis=1)
+        if delays is not None:
+            delays = xp.where(xp.any(mask, axis=1), delays, xp.zeros_like(delays))
+        return Batch(xp.where(mask, values, xp.zeros_like(values)), mask, delays)
 
     def _everything(self, history: History, now: int, tracks: Ints) -> tuple[Any, Ints]:
         """All rows within reach; the reference chooses."""
