@@ -29,6 +29,7 @@ ENGINES = ("auto", "toeplitz", "scan", "stepwise", "numba")
 CONSTANT, HOLES, SCAN, STEPWISE = range(4)
 # Numbers of growing windows that are worked out together, so that they stay in a processor's cache.
 GROWING_TOGETHER = 16_384
+EVEN = 8
 
 
 def plan_of(request: Request) -> SeriesPlan:
@@ -90,14 +91,22 @@ def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
         ready[:, begin:] = True
         return
     if begin:
-        together = max(1, GROWING_TOGETHER // (begin * request.model.dim_x))
-        for first in range(0, request.count, together):
-            some = slice(first, first + together)
-            pushed = None if us is None else us[some, :begin]
-            x[some, :begin] = plan.head_states(np.asarray(z[some, :begin], dtype=float), pushed)
+        _growing(plan, z[:, :begin], None if us is None else us[:, :begin], x[:, :begin])
     ready[:, plan.first - 1 :] = True
     if request.prior is not None and plan.first > 1:
         stepwise(request, x, ready, stop=plan.first - 1)
+
+
+def _growing(plan: SeriesPlan, z: Array, us: Array | None, x: Array) -> None:
+    """Windows that are not full yet, in groups of a multiple of EVEN series."""
+    together = EVEN * max(1, GROWING_TOGETHER // (EVEN * x[0].size))
+    for first in range(0, len(x), together):
+        some = slice(first, first + together)
+        # The bits of a product's row are the same in products of a multiple of EVEN rows.
+        missing = -len(x[some]) % EVEN
+        rows = np.concatenate([z[some], np.zeros((missing, *z.shape[1:]))])
+        pushed = None if us is None else np.concatenate([us[some], np.zeros((missing, *us.shape[1:]))])
+        x[some] = plan.head_states(rows, pushed)[: len(x[some])]
 
 
 def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:

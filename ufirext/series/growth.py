@@ -25,9 +25,19 @@ from ..window import whitener
 __all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 
 # Windows up to this length have a gain each; of minimum variance, whose gains cost more, so many longer ones.
-SHORT, SHORT_BEYOND = 48, 4
+SHORT, SHORT_BEYOND = 32, 4
+# Entries of a matrix beyond which sums are cheaper.
+DENSE = 100_000
 # Sums of products of basis vectors that are conditioned worse than this lose too many digits.
 SHARED_CONDITION = 1e3
+
+
+class Dense(NamedTuple):
+    """Windows of low + 1 .. high rows by one matrix, (high dim_z, (high - low) dim_x)."""
+
+    low: int
+    high: int
+    matrix: Any
 
 
 class Shared(NamedTuple):
@@ -52,41 +62,52 @@ class Recursion(NamedTuple):
 
 
 class Head(NamedTuple):
-    """Growing windows of first .. length rows; `short` is one matrix for all those of up to `low` rows."""
+    """Growing windows of first .. length rows, in parts that follow each other."""
 
     first: int
-    low: int
     length: int
-    short: Any
-    shared: tuple[Shared, ...]
+    parts: tuple[Dense | Shared, ...]
     recursion: Recursion | None
 
 
 def moved_head(head: Head, convert: Callable[[Array], Any]) -> Head:
     """The same head with its matrices converted, to another array library, device or type."""
-    shared = tuple(part._replace(basis=convert(part.basis), W=convert(part.W)) for part in head.shared)
+    parts = tuple(
+        part._replace(matrix=convert(part.matrix))
+        if isinstance(part, Dense)
+        else part._replace(basis=convert(part.basis), W=convert(part.W))
+        for part in head.parts
+    )
     recursion = head.recursion
     if recursion is not None:
         recursion = recursion._replace(
             F=convert(recursion.F), H=convert(recursion.H), gains=convert(recursion.gains)
         )
-    return head._replace(short=convert(head.short), shared=shared, recursion=recursion)
+    return head._replace(parts=parts, recursion=recursion)
 
 
 def head_states(head: Head, z: Any, xp: Any = np) -> Any:
     """Estimates of the first steps from (.., T, dim_z), T <= length: (.., T, dim_x); NaN before the first."""
-    steps, lead = z.shape[-2], z.shape[:-2]
-    low = min(head.low, steps)
-    states, inputs = head.short.shape[0] // head.low, head.short.shape[1] // head.low
-    flat = xp.reshape(z[..., :low, :], (*lead, 1, low * inputs))
-    rows = head.short[: low * states, : low * inputs]
-    short = xp.reshape(xp.matmul(flat, xp.permute_dims(rows, (1, 0))), (*lead, low, states))
-    unknown = xp.full_like(short[..., : min(head.first - 1, low), :], float("nan"))
-    parts = [unknown, short[..., min(head.first - 1, low) :, :]]
-    parts += [_shared_states(part, z, xp) for part in head.shared if part.low < steps]
-    if head.recursion is not None and steps > low:
-        parts += _recursive_states(head.recursion, short[..., low - 1, :], z, xp)
+    steps = z.shape[-2]
+    parts = [
+        _dense_states(part, z, xp) if isinstance(part, Dense) else _shared_states(part, z, xp)
+        for part in head.parts
+        if part.low < steps or not part.low
+    ]
+    if head.recursion is not None and steps > head.recursion.low:
+        parts += _recursive_states(head.recursion, parts[-1][..., -1, :], z, xp)
+    early = min(head.first - 1, parts[0].shape[-2])
+    parts[:1] = [xp.full_like(parts[0][..., :early, :], float("nan")), parts[0][..., early:, :]]
     return xp.concat(parts, axis=-2)
+
+
+def _dense_states(part: Dense, z: Any, xp: Any) -> Any:
+    """(.., rows, dim_x), one product."""
+    stop, lead = min(part.high, z.shape[-2]), z.shape[:-2]
+    states = part.matrix.shape[1] // (part.high - part.low)
+    flat = xp.reshape(z[..., :stop, :], (*lead, stop * z.shape[-1]))
+    x = xp.matmul(flat, part.matrix[: stop * z.shape[-1], : (stop - part.low) * states])
+    return xp.reshape(x, (*lead, stop - part.low, states))
 
 
 def _shared_states(part: Shared, z: Any, xp: Any) -> Any:
@@ -134,12 +155,12 @@ def head_of(model: Model, length: int, lag: int, unbiased: bool) -> Head | None:
     short = np.zeros((low * n, low * m))
     for count in found:
         short[(count - 1) * n : count * n, : count * m] = gains[count]
-    head = Head(first, low, length, short, (), None)
+    head = Head(first, length, (Dense(0, low, np.ascontiguousarray(short.T)),), None)
     if length <= low:
         return head
     shared = _shared(model, low, length, lag) if unbiased and first <= low else None
     if shared is not None:
-        return head._replace(shared=shared)
+        return head._replace(parts=head.parts + tuple(_multiplied(part) for part in shared))
     start = gains[low]
     if lag or start is None:
         return None
@@ -164,6 +185,17 @@ def _shared(model: Model, low: int, length: int, lag: int) -> tuple[Shared, ...]
         parts.append(part)
         low = high
     return tuple(parts)
+
+
+def _multiplied(part: Shared) -> Dense | Shared:
+    """Where it is small enough, one matrix: columns W_n' basis_i', zero for rows i that are not there yet."""
+    inputs, states = part.basis.shape[:2]
+    rows = part.high - part.low
+    if part.high * inputs * rows * states > DENSE:
+        return part
+    blocks = np.einsum("mri,rkn->imnk", part.basis, part.W, optimize=True)
+    blocks *= (np.arange(part.high)[:, None] <= part.low + np.arange(rows))[:, None, :, None]
+    return Dense(part.low, part.high, blocks.reshape(part.high * inputs, rows * states))
 
 
 class Basis(NamedTuple):
