@@ -13,12 +13,9 @@ from ..minimum_variance import minimum_variance_gain
 from ..model import Model
 from .growth import Head, head_of, head_states
 from .inputs import input_gain, trajectory
-from .toeplitz import Convolution, convolution, convolve
+from .toeplitz import PIECE, Convolution, convolution, convolve
 
 __all__ = ["SeriesPlan", "model_with", "series_plan"]
-
-# A series is worked off in pieces of about so many samples, which stay in a processor's cache.
-PIECE = 16_384
 
 
 class SeriesPlan:

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._arrays import Array
 
-__all__ = ["Convolution", "Far", "convolution", "convolve", "moved"]
+__all__ = ["PIECE", "Convolution", "Far", "convolution", "convolve", "moved"]
 
 # Singular values below this fraction of the largest are rounding.
 NOISE = 4e-15
@@ -30,6 +30,10 @@ TWO_LEVELS_FROM = 24
 SHIFTS = 6
 # Moving a number costs as much as this many multiplications; a row of a product that is a block short.
 MOVE = 6.0
+# What the calls of one more level cost, in multiplications.
+LEVEL = 60_000.0
+# A series is worked off in pieces of about so many samples, which stay in a processor's cache.
+PIECE = 16_384
 # Columns a product needs to run at full speed.
 WIDE = 16
 
@@ -118,13 +122,18 @@ def _padded(op: Convolution, z: Any, wanted: int, xp: Any) -> Any:
 # -- design ----------------------------------------------------------------------------------------------
 
 
-def convolution(taps: Array) -> Convolution:
-    """The cheapest way to convolve with `taps` (length, inputs, outputs), oldest sample first."""
+def convolution(taps: Array, steps: int = PIECE) -> Convolution:
+    """The cheapest way to convolve with `taps` (length, inputs, outputs), oldest sample first.
+
+    `steps` : so many at a time.
+    """
     single = _one_level(taps, _single_block(*taps.shape))
     if len(taps) < TWO_LEVELS_FROM:
         return single
-    double = _two_levels(taps, _double_block(*taps.shape))
-    return single if double is None or double.multiplications > single.multiplications else double
+    double = _two_levels(taps, _double_block(*taps.shape), steps)
+    if double is None or double.multiplications + LEVEL / steps > single.multiplications:
+        return single
+    return double
 
 
 def _single_block(length: int, inputs: int, outputs: int) -> int:
@@ -169,7 +178,7 @@ def _one_level(taps: Array, B: int) -> Convolution:
     return Convolution(B, length - 1, inputs, outputs, tuple(near), (), E)
 
 
-def _two_levels(taps: Array, B: int) -> Convolution | None:
+def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
     """Left edge, moments of whole blocks, and the newest samples; None where the taps are not so simple."""
     length, inputs, outputs = taps.shape
     count, rest = divmod(length - B, B)
@@ -195,7 +204,7 @@ def _two_levels(taps: Array, B: int) -> Convolution | None:
     near = [piece for piece in near if piece[1]]
     places = np.concatenate([np.arange(o, o + w) for o, w in near]) - (length - 1)
     E = np.concatenate([_entries(taps, places, B), seen * np.tile(size, B)])
-    inner = convolution(transport)
+    inner = convolution(transport, max(1, steps // B))
     far = Far(B - 1, count, np.ascontiguousarray(local), inner)
     return Convolution(B, length - 1, inputs, outputs, tuple(near), (far,), np.ascontiguousarray(E))
 
