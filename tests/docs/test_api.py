@@ -129,7 +129,7 @@ def test_every_member_is_documented(name):
     ] == []
 
 
-@pytest.mark.parametrize("name", {*FUNCTIONS, *CLASSES})
+@pytest.mark.parametrize("name", sorted({*FUNCTIONS, *CLASSES}))
 def test_everything_is_typed(name):
     value = NAMES[name]
     functions = {name: value} if inspect.isfunction(value) else dict(own_members(value))
