@@ -78,6 +78,20 @@ def test_any_model_anything(model, horizon, kinds, steps, seed):
     assert_same(filter_series(model, zs, horizon, engine="scan", **options), stream, tolerance=1e-7)
 
 
+@pytest.mark.parametrize("horizon", [5, 30])
+@pytest.mark.parametrize("kinds", ["", "changing", "rows", "components", "inputs", "changing rows inputs"])
+@pytest.mark.parametrize("name", ["plane", "acceleration", "unstable", "delayed"])
+def test_a_scan_of_minimum_variance_is_the_fms_stream(name, kinds, horizon):
+    model, zs, options = everything(kinds, MODELS[name], STEPS, seed=1)
+    if "changing" in kinds:
+        options["Qs"] = model.Q * np.random.default_rng(0).uniform(0.5, 2.0, (STEPS, 1, 1))
+    noise = (model.Q, 2.0 * model.R)
+    assert_same(
+        filter_series(model, zs, horizon, noise=noise, engine="scan", **options),
+        filter_series(model, zs, horizon, noise=noise, engine="stepwise", **options),
+    )
+
+
 @pytest.mark.parametrize("missing", ["extend", "skip"])
 def test_what_a_missing_step_does(missing):
     model, zs, options = everything("changing rows", MODELS["plane"], STEPS, seed=3)

@@ -17,10 +17,11 @@ from .constant import Tick, convolved
 from .holes import Holes, hole_plan, present_in
 from .plan import SeriesPlan, series_plan
 from .request import Request
-from .rows import rows_of
+from .rows import Rows, rows_of
 from .scan import Scan, Scanner
 from .stepwise import stepwise
-from .windows import Mask
+from .variance import VarianceScan
+from .windows import Mask, Windows
 
 __all__ = ["CONSTANT", "ENGINES", "kinds_of", "plan_of", "run"]
 
@@ -39,8 +40,10 @@ def plan_of(request: Request) -> SeriesPlan:
 
 def kinds_of(request: Request, engine: str) -> NDArray[np.int8]:
     """What each series needs: CONSTANT, HOLES, SCAN or STEPWISE."""
-    if engine in ("scan", "numba") and not request.unbiased:
-        raise UfirextError(f'engine="{engine}" needs UFIR (noise=None); use engine="auto"')
+    scannable = request.unbiased or (request.lag == 0 and request.delays is None)
+    if (engine == "numba" and not request.unbiased) or (engine == "scan" and not scannable):
+        other = " or minimum variance without lag and delays" if engine == "scan" else ""
+        raise UfirextError(f'engine="{engine}" needs UFIR (noise=None){other}; use engine="auto"')
     kinds: NDArray[np.int8] = np.full(request.count, CONSTANT, dtype=np.int8)
     broken = arguments.holes(request.z)
     simple = request.per_step.empty and request.delays is None
@@ -51,12 +54,12 @@ def kinds_of(request: Request, engine: str) -> NDArray[np.int8]:
     if engine == "stepwise" or (request.missing == "predict" and broken.any()):
         kinds[:] = STEPWISE
     elif engine in ("scan", "numba") or not simple:
-        kinds[:] = SCAN if request.unbiased else STEPWISE
+        kinds[:] = SCAN if scannable else STEPWISE
     elif broken.any():
         plan = hole_plan(plan_of(request), request.missing != "skip")
         for series in np.flatnonzero(broken).tolist():
             held = request.us is None and plan.holds(present_in(request, series))
-            kinds[series] = HOLES if held else SCAN if request.unbiased else STEPWISE
+            kinds[series] = HOLES if held else SCAN if scannable else STEPWISE
     return kinds
 
 
@@ -133,12 +136,17 @@ def _scanned(request: Request, x: Array, ready: Mask, tick: Tick, scanner: Scann
         if rows is None:
             stepwise(one, x[series : series + 1], ready[series : series + 1])
         else:
-            Scan(rows, limits, request.lag, request.missing == "extend", scanner).fill(
-                x[series], ready[series]
-            )
+            _windows(request, rows, limits, scanner).fill(x[series], ready[series])
             if request.prior is not None and not ready[series].all():
                 _warm_up(one, x[series], ready[series])
         tick(request.steps)
+
+
+def _windows(request: Request, rows: Rows, limits: Limits, scanner: Scanner | None) -> Windows:
+    if request.unbiased:
+        return Scan(rows, limits, request.lag, request.missing == "extend", scanner)
+    Q = request.model.Q if request.per_step.Q is None else request.per_step.Q
+    return VarianceScan(rows, np.broadcast_to(Q, (request.steps, *Q.shape[-2:])), limits)
 
 
 def _compiled() -> Scanner:
