@@ -17,47 +17,55 @@ __all__ = ["scan_series"]
 
 
 def _product(a: Array, b: Array, out: Array) -> None:
-    """out = a b."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            total = 0.0
-            for k in range(b.shape[0]):
-                total += a[i, k] * b[k, j]
-            out[i, j] = total
+    """out = a b; the innermost loops run along rows, which lie together in memory."""
+    rows, columns = out.shape
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = 0.0
+        for k in range(b.shape[0]):
+            factor = a[i, k]
+            for j in range(columns):
+                out[i, j] += factor * b[k, j]
 
 
 def _absorb(rows: Array, information: Array) -> None:
     """Rows [H, -z] of a state join the information on it."""
     n = information.shape[1]
     for r in range(rows.shape[0]):
+        for i in range(n):
+            factor = rows[r, i]
+            for j in range(n):
+                information[i, j] += factor * rows[r, j]
         for j in range(n):
-            for i in range(n):
-                information[i, j] += rows[r, i] * rows[r, j]
             information[n, j] -= rows[r, n] * rows[r, j]
 
 
 def _moved(information: Array, G: Array, temporary: Array, out: Array) -> None:
     """Information on a state as information on the one before, from which G leads to it."""
     n = information.shape[1]
-    for j in range(n):
-        for i in range(n + 1):
-            total = 0.0
-            for k in range(n):
-                total += information[i, k] * G[k, j]
-            temporary[i, j] = total
-        known = 0.0
+    for i in range(n + 1):
+        for j in range(n):
+            temporary[i, j] = 0.0
         for k in range(n):
-            shifted = 0.0
-            for i in range(n):
-                shifted += information[k, i] * G[i, n]
-            known += shifted * G[k, j]
-        out[n, j] = temporary[n, j] - known
+            factor = information[i, k]
+            for j in range(n):
+                temporary[i, j] += factor * G[k, j]
+    # eta' - b' Lam, moved.
+    for j in range(n):
+        out[n, j] = temporary[n, j]
+    for i in range(n):
+        factor = G[i, n]
+        if factor != 0.0:
+            for j in range(n):
+                out[n, j] -= factor * temporary[i, j]
     for i in range(n):
         for j in range(n):
-            total = 0.0
-            for k in range(n):
-                total += G[k, i] * temporary[k, j]
-            out[i, j] = total
+            out[i, j] = 0.0
+    for k in range(n):
+        for i in range(n):
+            factor = G[k, i]
+            for j in range(n):
+                out[i, j] += factor * temporary[k, j]
 
 
 def _solution(information: Array, weakest: float, lower: Array, x: Array) -> bool:
