@@ -19,7 +19,7 @@ from validation.report.markdown import docs_page, item_text
 from validation.report.terminal import MARKS, scoreboard
 from validation.results import KEPT, Summary, drift, kept, write
 from validation.runner import Result, chosen, pool, run_all
-from validation.study import Mode
+from validation.study import Mode, Workers
 
 __all__ = ["app", "main"]
 
@@ -60,10 +60,13 @@ def validate(
     if quick and full:
         raise typer.BadParameter("--quick and --full exclude each other")
     mode: Mode = "full" if full else "quick"
-    results = _run(items, mode, jobs or os.cpu_count() or 1, console)
-    before, summary = kept(mode), Summary.of(results, mode)
-    moved = drift(before, summary, [item.id for item in items]) if before else []
-    pages = write_report(results, summary, moved, out)
+    before = kept(mode)
+    with pool(jobs or os.cpu_count() or 1) as workers:
+        results = _run(items, mode, workers, console)
+        summary = Summary.of(results, mode)
+        moved = drift(before, summary, [item.id for item in items]) if before else []
+        with console.status("the report"):
+            pages = write_report(results, summary, moved, out, workers)
     console.print(scoreboard(results, moved, since=before.date if before else ""))
     for page in pages:
         console.print(f"Report: {page}", soft_wrap=True, highlight=False)
@@ -126,10 +129,10 @@ def _items(patterns: list[str]) -> list[Item]:
         raise typer.BadParameter(str(error)) from error
 
 
-def _run(items: list[Item], mode: Mode, jobs: int, console: Console) -> list[Result]:
+def _run(items: list[Item], mode: Mode, workers: Workers | None, console: Console) -> list[Result]:
     results: list[Result] = []
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress, pool(jobs) as workers:
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("", total=len(items))
 
         def watch(item: Item, share: float) -> None:

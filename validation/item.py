@@ -50,7 +50,8 @@ class Outcome:
         One for each name that the item promises.
     tables : sequence of Table
     figure : callable or None
-        Draws the picture, with `validation.figures`; only called when there is a report to write.
+        Draws the picture, with `validation.figures`; called when there is a report to write, maybe in another
+        process: a `functools.partial` of a function at the top of a module and the data.
     notes : sequence of str
         What the reader of the picture should know, one paragraph each.
     """
