@@ -119,7 +119,7 @@ def unavailable(claims: Iterable[Claim]) -> list[str]:
 def sentence(text: str) -> str:
     """With a capital and a full stop; a symbol in front stays as it is."""
     first = text.split(" ", 1)[0]
-    begun = text[0].upper() + text[1:] if first.isalpha() and len(first) > 1 else text
+    begun = text[0].upper() + text[1:] if first.isalpha() and (len(first) > 1 or first == "a") else text
     return begun if begun.endswith((".", "?", "!")) else f"{begun}."
 
 
