@@ -96,7 +96,7 @@ def test_both_forms_hold_every_claim_its_verdict_and_its_reason(tmp_path: Path) 
             "A note.",
         ):
             assert words in form
-    assert "a &lt;reason&gt; &amp; more" in page
+    assert "A &lt;reason&gt; &amp; more" in page
     assert "![A small <item> & a title](s3-try.png)" in text
     assert (tmp_path / "s3-try.png").exists()
     assert (tmp_path / "results.json").exists()
