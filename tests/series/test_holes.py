@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from tests.engines.streams import MODELS
 from tests.series.test_filter_series import assert_same, measured
 from tests.strategies import models, seeds
-from ufirext import filter_series, kinematic, ufir_gain
-from ufirext.gains import observability_index
+from ufirext import filter_series, kinematic, series_plan, ufir_gain
 
 
 def rows_lost(zs, rng):
@@ -53,16 +52,24 @@ def test_a_series_with_holes_is_the_stream(name, lose, horizon, lag, missing):
 
 
 @settings(max_examples=80, deadline=None)
-@given(models(max_x=4, max_z=2), st.integers(1, 40), st.sampled_from(LOSSES), st.integers(0, 60), seeds)
-def test_any_model_any_holes(model, horizon, lose, steps, seed):
-    index = observability_index(model)
-    if index is None or horizon < index:
+@given(
+    models(max_x=4, max_z=2),
+    st.integers(1, 40),
+    st.sampled_from([0, 0, 1, 2]),
+    st.sampled_from(LOSSES),
+    st.integers(0, 60),
+    seeds,
+)
+def test_any_model_any_holes(model, horizon, lag, lose, steps, seed):
+    try:
+        series_plan(model, horizon, lag)
+    except ValueError:
         return
     zs = measured(model, steps, seed)
     lose(zs, np.random.default_rng(seed)) if steps else None
     assert_same(
-        filter_series(model, zs, horizon),
-        filter_series(model, zs, horizon, engine="stepwise"),
+        filter_series(model, zs, horizon, lag=lag),
+        filter_series(model, zs, horizon, lag=lag, engine="stepwise"),
         tolerance=1e-8,
     )
 

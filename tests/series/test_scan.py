@@ -67,10 +67,12 @@ def test_a_scan_is_the_stream(name, kinds, horizon, lag):
     st.integers(3, 30),
     st.sets(st.sampled_from(["changing", "rows", "components", "late", "inputs"])),
     st.integers(1, 60),
+    st.sampled_from([0, 0, 1, 2]),
     seeds,
 )
-def test_any_model_anything(model, horizon, kinds, steps, seed):
+def test_any_model_anything(model, horizon, kinds, steps, lag, seed):
     model, zs, options = everything(kinds, model, steps, seed)
+    options["lag"] = lag
     try:
         stream = filter_series(model, zs, horizon, engine="stepwise", **options)
     except ValueError:

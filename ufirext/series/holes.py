@@ -88,13 +88,13 @@ class HolePlan:
             raise RuntimeError("this window has no basis")
         return self.basis
 
-    def gain(self, present: Mask) -> Array | None:
+    def gain(self, present: Mask, lag: int) -> Array | None:
         """Gain on the components present, flat, of a window (span, dim_z) up to now; None: not determined."""
-        key = np.packbits(present).tobytes() + len(present).to_bytes(8, "little")
+        key = np.packbits(present).tobytes() + len(present).to_bytes(8, "little") + lag.to_bytes(8, "little")
         if key not in self._gains:
             if len(self._gains) >= PATTERNS:
                 self._gains.clear()
-            self._gains[key] = _gain(self.plan.model, present, self.plan.lag)
+            self._gains[key] = _gain(self.plan.model, present, lag)
         return self._gains[key]
 
 
@@ -143,10 +143,10 @@ class Holes(Windows):
         self._growing(min(begin, len(x)), x, sound, wanted)
         return sound
 
-    def alone(self, step: int, begin: int) -> Array | None:
+    def alone(self, step: int, begin: int, lag: int) -> Array | None:
         """By orthogonal transformations, the gains of recurring patterns remembered."""
         window = slice(begin, step + 1)
-        gain = self.plan.gain(self.present[window])
+        gain = self.plan.gain(self.present[window], lag)
         return None if gain is None else np.asarray(gain @ self.z[window][self.present[window]])
 
     def moved(self, x: Array, steps: NDArray[np.int64]) -> Array:

@@ -75,14 +75,14 @@ class Scan(Windows):
         x[...] = self.rows.recent(states, self.lag)[:, :-1, 0]
         return sound & wanted
 
-    def alone(self, step: int, begin: int) -> Array | None:
+    def alone(self, step: int, begin: int, lag: int) -> Array | None:
         """One window by orthogonal transformations."""
         rows, n = self.rows, self.rows.G.shape[1] - 1
         chosen = begin + np.flatnonzero(self.came[begin : step + 1])
         if not len(chosen):
             return None
         chosen = chosen[np.argsort(self.origins[chosen], kind="stable")]
-        oldest, aim = min(int(self.origins[chosen[0]]), step - self.lag), step - self.lag
+        oldest, aim = min(int(self.origins[chosen[0]]), step - lag), step - lag
         newest = max(aim, int(self.origins[chosen[-1]]))
         steps = [rows.step(number) for number in range(oldest + 1, newest + 1)]
         known = [np.zeros(n)]

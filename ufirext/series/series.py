@@ -73,7 +73,8 @@ def filter_series(
     engine : {"auto", "toeplitz", "scan", "stepwise", "numba"}
         How it is done; all give the same numbers. "toeplitz": matrix products, for constant models without
         holes. "scan": blocks side by side, for UFIR of any kind, and minimum variance without lag and delays.
-        "numba": UFIR's scan as a compiled loop (needs numba; the first call compiles). "stepwise": the streaming classes, whatever the series holds.
+        "numba": UFIR's scan as a compiled loop (needs numba; the first call compiles). "stepwise": the
+        streaming classes, whatever the series holds.
     out : ndarray of float, (T, dim_x) or (S, T, dim_x), optional
         Where x is written; may be memory-mapped.
     progress : bool or callable

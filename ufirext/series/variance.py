@@ -134,7 +134,7 @@ class VarianceScan(Windows):
         x[ends[fine]] = (window.A[fine] @ oldest + window.b[fine])[:, :, 0]
         sound[ends[fine]] = True
 
-    def alone(self, step: int, begin: int) -> Array | None:
+    def alone(self, step: int, begin: int, lag: int) -> Array | None:
         """One window by the recursion on gains."""
         rows, n = self.rows, self.Q.shape[1]
         chosen = begin + np.flatnonzero(self.came[begin : step + 1])

@@ -52,8 +52,8 @@ class Windows:
         """Solve windows of the plain length that end at the steps `wanted`; which of them are solved well."""
         raise NotImplementedError
 
-    def alone(self, step: int, begin: int) -> Array | None:
-        """Solve the window begin .. step; None where its rows do not determine the state."""
+    def alone(self, step: int, begin: int, lag: int) -> Array | None:
+        """The state of step - lag from the window begin .. step; None where its rows do not determine it."""
         raise NotImplementedError
 
     def instants(self, step: int, begin: int) -> int:
@@ -80,13 +80,18 @@ class Windows:
         x[~ready] = np.nan
 
     def _reaching(self, step: int) -> Array | None:
-        """One window, as far back as it must reach; None where the rows do not determine the state."""
+        """One window, as far back as it must reach; None where the rows do not determine the state.
+
+        It is the newest state that decides how far, also where a lagged one is wanted.
+        """
         limits = self.limits
         floor, begin = max(step - limits.reach + 1, 0), max(step - limits.horizon + 1, 0)
         while True:
             older = np.flatnonzero(self.came[floor:begin])
             if not len(older) or self.instants(step, begin) >= self.wanted:
-                found = self.alone(step, begin)
+                found = self.alone(step, begin, 0)
+                if found is not None and self.lag:
+                    return self.alone(step, begin, self.lag)
                 if found is not None or not len(older) or not limits.extends:
                     return found
             begin = floor + int(older[-1])
