@@ -174,9 +174,10 @@ class Holes(Windows):
                 Lam = np.einsum("im,imr->ir", self.present[:high], _squares(basis)[:high]).cumsum(axis=0)
                 solution, fine = _solved(eta[low:], Lam[low:])
                 steps = low + np.flatnonzero(fine & wanted[low:high])
+                sound[steps] = True
+                steps = steps[steps >= self.lag]
                 oldest = basis.back @ solution[:, steps - low]
                 x[steps] = _transported(model.F, oldest, steps - self.lag)
-                sound[steps] = True
             low, length = high, 2 * length
 
 

@@ -42,7 +42,7 @@ class Windows:
         self.starts = np.maximum(steps - limits.horizon + 1, 0)
         inside = self.total[1:] - self.total[self.starts]
         # Lagged states are always asked of the window.
-        self.coasts = coasts and not lag
+        self.coasts, self.waits = coasts and not lag, coasts
         self.solved = came.copy() if self.coasts else np.ones_like(came)
         reached = np.maximum(steps - limits.reach + 1, 0)
         older = self.total[self.starts] - self.total[reached] > 0
@@ -67,20 +67,28 @@ class Windows:
     def fill(self, x: Array, ready: Mask, wanted: Mask | None = None) -> None:
         """Estimates of the steps `wanted` (default: all) into x (T, dim_x) and ready; others are there."""
         wanted = self.solved if wanted is None else self.solved & wanted
-        wanted = wanted & (np.arange(len(x)) >= self.lag)
         sound = self.together(wanted & ~self.short, x)
+        # Whether the newest state is determined; full windows that are not asked for determine it.
+        newest = sound | (~wanted & (np.arange(len(x)) >= self.limits.instants - 3))
         for step in np.flatnonzero(wanted & ~sound).tolist():
-            found = self._reaching(step)
+            newest[step], found = self._reaching(step)
             sound[step] = found is not None
             x[step] = np.nan if found is None else found
         ready[wanted] = sound[wanted]
         ready[: self.lag] = False
+        if self.lag and self.waits:
+            self._as_at_the_last_row(ready, newest)
         if self.coasts:
             self._coast(x, ready)
         x[~ready] = np.nan
 
-    def _reaching(self, step: int) -> Array | None:
-        """One window, as far back as it must reach; None where the rows do not determine the state.
+    def _as_at_the_last_row(self, ready: Mask, newest: Mask) -> None:
+        """A filter that coasts is as ready as it was when the last row came."""
+        last: NDArray[np.int64] = np.maximum.accumulate(np.where(self.came, np.arange(len(ready)), -1))
+        ready &= np.where(last < 0, False, newest[last])
+
+    def _reaching(self, step: int) -> tuple[bool, Array | None]:
+        """One window, as far back as it must reach: does it determine the newest state, and the one wanted.
 
         It is the newest state that decides how far, also where a lagged one is wanted.
         """
@@ -91,9 +99,9 @@ class Windows:
             if not len(older) or self.instants(step, begin) >= self.wanted:
                 found = self.alone(step, begin, 0)
                 if found is not None and self.lag:
-                    return self.alone(step, begin, self.lag)
+                    return True, self.alone(step, begin, self.lag) if step >= self.lag else None
                 if found is not None or not len(older) or not limits.extends:
-                    return found
+                    return found is not None, found
             begin = floor + int(older[-1])
 
     def _coast(self, x: Array, ready: Mask) -> None:
@@ -111,4 +119,4 @@ class Windows:
             ready[here] = ready[here - 1]
             if length >= certain:
                 for step in here[ready[here]].tolist():
-                    ready[step] = self._reaching(step) is not None
+                    ready[step] = self._reaching(step)[0]
