@@ -35,8 +35,7 @@ def real(value: ArrayLike, name: str) -> Array:
 def finite(array: Array, name: str) -> Array:
     """`array` itself, after checking that it holds neither NaN nor infinity."""
     # The sum of squares is the quickest look, and unlike a plain sum it warns of nothing.
-    flat = array.ravel()
-    if not math.isfinite(flat.dot(flat)) and not np.isfinite(array).all():
+    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         bad = [tuple(int(i) for i in where) for where in np.argwhere(~np.isfinite(array))[:3]]
         raise NonFiniteError(f"{name} must be finite, got NaN or inf at {', '.join(map(str, bad))}")
     return array
