@@ -64,7 +64,8 @@ def _simdkalman(model: Model, zs: np.ndarray) -> Callable[[], Run]:
 
     def prepare() -> Run:
         f = simdkalman.KalmanFilter(model.F, model.Q, model.H, model.R)
-        many = zs[: len(zs) // SERIES * SERIES].reshape(SERIES, -1, model.dim_z)
+        count = min(SERIES, len(zs) // 10)
+        many = zs[: len(zs) // count * count].reshape(count, -1, model.dim_z)
 
         def run() -> object:
             # Filtered means alone, as ours: no smoothing, no likelihood, no covariances kept.
@@ -136,7 +137,7 @@ def _constant(against: str, states: int, horizon: int, steps: int) -> Contest:
 def _many(states: int, horizon: int, steps: int) -> Contest:
     """The same number of samples, in a thousand series on both sides."""
     model = model_of(states)
-    zs = _measured(states, TIMES * steps // SERIES * SERIES)
+    zs = _measured(states, SERIES * max(2 * horizon, TIMES * steps // SERIES))
     many = zs.reshape(SERIES, -1, model.dim_z)
     return Contest(_ours(model, many, horizon), _simdkalman(model, zs), steps)
 
