@@ -22,7 +22,7 @@ from .exact import window_covariance
 from .records import Limits, Records, Solution
 
 # A scaled pivot below this: the normal equations would lose too much, the reference solves instead.
-WEAK_PIVOT = 1e-3
+WEAK_PIVOT = 0.03
 # Transitions that grow beyond this over a window make start-referenced sums lose digits: likewise.
 GROWTH = 1e4
 # Two blocks are kept for one part in so many of the steps, in which the table of the next one is built.
