@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -188,6 +188,36 @@ class FilterSurface(Attributes):
         for _ in range(integer(steps, "steps", 0)):
             x, P = state.F.value @ x, P.predicted(state.F.value, state.Q.value, state.fading)
         return state.shaped(x), P.value.copy()
+
+    @classmethod
+    def from_statespace(
+        cls, sys: Any, QN: ArrayLike | None = None, RN: ArrayLike | None = None, **options: Any
+    ) -> Self:
+        """A filter for the plant that a ``control.StateSpace`` describes.
+
+        Parameters
+        ----------
+        sys : control.StateSpace
+            Discrete-time, or continuous-time with the keyword `dt`.
+        QN, RN : array_like, optional
+            Covariances of the disturbances and of the measurement noise; Q = G QN G'.
+        **options
+            dt, G, C, control_indices, disturbance_indices of `ufirext.control.from_statespace`, and keywords
+            of the filter.
+
+        Examples
+        --------
+        >>> import control as ct
+        >>> from ufirext import UFIRFilter
+        >>> plant = ct.ss([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], 0)
+        >>> f = UFIRFilter.from_statespace(plant, [[1]], [[0.01]], dt=0.1, horizon=12)
+        >>> f.F, f.B.ravel().round(3)
+        (array([[1. , 0.1],
+               [0. , 1. ]]), array([0.005, 0.1  ]))
+        """
+        from ..control.convert import from_statespace
+
+        return from_statespace(cls, sys, QN, RN, **options)
 
     def _take_over(self, kf: Any) -> None:
         """Model and state of a filterpy KalmanFilter, or of anything with its attributes, as copies."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._arrays import Array, integer
 from ..channels import Channel
@@ -116,36 +115,6 @@ class FMSFilterSmoother(WindowFilter):
         new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, lag=lag, **options)
         new._take_over(kf)
         return new
-
-    @classmethod
-    def from_statespace(
-        cls, sys: Any, QN: ArrayLike | None = None, RN: ArrayLike | None = None, **options: Any
-    ) -> FMSFilterSmoother:
-        """A filter for the plant that a ``control.StateSpace`` describes.
-
-        Parameters
-        ----------
-        sys : control.StateSpace
-            Discrete-time, or continuous-time with the keyword `dt`.
-        QN, RN : array_like, optional
-            Covariances of the disturbances and of the measurement noise; Q = G QN G'.
-        **options
-            dt, G, C, control_indices, disturbance_indices of `ufirext.control.from_statespace`, and keywords
-            of FMSFilterSmoother.
-
-        Examples
-        --------
-        >>> import control as ct
-        >>> from ufirext import FMSFilterSmoother
-        >>> plant = ct.ss([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], 0)
-        >>> f = FMSFilterSmoother.from_statespace(plant, [[1]], [[0.01]], dt=0.1, horizon=12, lag=3)
-        >>> f.F, f.B.ravel().round(3)
-        (array([[1. , 0.1],
-               [0. , 1. ]]), array([0.005, 0.1  ]))
-        """
-        from ..control.convert import from_statespace
-
-        return from_statespace(cls, sys, QN, RN, **options)
 
     # -- the lagged state -------------------------------------------------------------------------------
 

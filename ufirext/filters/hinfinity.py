@@ -152,36 +152,6 @@ class DelayHInfinityFilter(LateFilter):
             new.B = hinf.B
         return new
 
-    @classmethod
-    def from_statespace(
-        cls, sys: Any, QN: ArrayLike | None = None, RN: ArrayLike | None = None, **options: Any
-    ) -> DelayHInfinityFilter:
-        """A filter for the plant that a ``control.StateSpace`` describes.
-
-        Parameters
-        ----------
-        sys : control.StateSpace
-            Discrete-time, or continuous-time with the keyword `dt`.
-        QN, RN : array_like, optional
-            Covariances of the disturbances and of the measurement noise; Q = G QN G'.
-        **options
-            dt, G, C, control_indices, disturbance_indices of `ufirext.control.from_statespace`, and keywords
-            of DelayHInfinityFilter.
-
-        Examples
-        --------
-        >>> import control as ct
-        >>> from ufirext import DelayHInfinityFilter
-        >>> plant = ct.ss([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], 0)
-        >>> f = DelayHInfinityFilter.from_statespace(plant, [[1]], [[0.01]], dt=0.1, theta=0.1)
-        >>> f.F, f.B.ravel().round(3)
-        (array([[1. , 0.1],
-               [0. , 1. ]]), array([0.005, 0.1  ]))
-        """
-        from ..control.convert import from_statespace
-
-        return from_statespace(cls, sys, QN, RN, **options)
-
     # -- the guarantee --------------------------------------------------------------------
 
     @property
