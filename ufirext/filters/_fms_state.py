@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -17,11 +16,11 @@ from ..engines.segmented import Lagged, Prior, Segmented
 from ..errors import CovarianceError, UnobservableWindow
 from ..minimum_variance import shortest_window
 from ..window import Row
-from ._state import POSTED, PREDICTED, SLOW, FilterState
-from ._update import innovation_gain, joseph
+from ._engine_state import EngineState
+from ._state import POSTED, PREDICTED, SLOW
 
 
-class FMSState(FilterState):
+class FMSState(EngineState):
     """Minimum variance over a window, of the newest state and a lagged one; a Kalman filter until then."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int, lag: int) -> None:
@@ -184,15 +183,6 @@ class FMSState(FilterState):
         self._publish(solution.x, solution.covariance)
         return solution.newest_gain
 
-    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
-        """The book's update, for as long as the rows do not determine the state."""
-        P = self.P.value
-        cross = None if cross is None or len(z) != cross.shape[1] else cross
-        K, S = innovation_gain(P, H, R, cross)
-        posterior = joseph(P, K, H, R) if cross is None else P - K @ S @ K.T
-        self._publish(self.x + K @ (z - H @ self.x), Covariance.of(posterior))
-        return Covariance.of(K)
-
     # -- the hot path -----------------------------------------------------------------------------------
 
     def warm(self) -> None:
@@ -314,17 +304,7 @@ class FMSState(FilterState):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FMSState:
         self.settle()
-        fork = object.__new__(type(self))
-        live = {"F", "H", "Q", "R", "M", "B"}
-        fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
-        fork._x_handed = fork._P_handed = fork.put = fork.read = fork.read_lagged = None
-        if self.engine is not None:
-            fork.engine = self.engine.copy()
-            fork.anchor = tuple(
-                getattr(fork, name).value if old is getattr(self, name).value else old
-                for name, old in zip("FHQR", self.anchor, strict=False)
-            )
-        return fork
+        return self._forked(("put", "read", "read_lagged"))
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()

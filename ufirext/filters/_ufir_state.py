@@ -7,7 +7,6 @@ every field what the slow path would have made it, `settle` leaves the hot path.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -224,17 +223,7 @@ class UFIRState(WindowState):
     def __deepcopy__(self, memo: dict[int, Any]) -> UFIRState:
         self.settle()
         self._detach()
-        fork = object.__new__(type(self))
-        live = {"F", "H", "Q", "R", "M", "B"}
-        fork.__dict__.update({k: copy.deepcopy(v) if k in live else v for k, v in self.__dict__.items()})
-        fork._x_handed = fork._P_handed = fork.put = fork.readers = None
-        if self.engine is not None:
-            fork.engine = self.engine.copy()
-            fork.anchor = tuple(
-                getattr(fork, name).value if old is getattr(self, name).value else old
-                for name, old in zip("FHQR", self.anchor, strict=False)
-            )
-        return fork
+        return self._forked(("put", "readers"))
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()

@@ -16,9 +16,8 @@ from ..errors import HorizonError, UnobservableWindow
 from ..gains import observability_index
 from ..model import Model
 from ..window import Row
+from ._engine_state import EngineState
 from ._live import Live
-from ._state import FilterState
-from ._update import innovation_gain, joseph
 
 # Horizon where the model determines none (it is unobservable at every horizon: the filter coasts).
 FALLBACK_HORIZON = 10
@@ -26,7 +25,7 @@ MISSING = ("extend", "skip", "predict")
 WINDOWS = ("arrivals", "origins")
 
 
-class WindowState(FilterState):
+class WindowState(EngineState):
     """Least squares over the window of what came; a Kalman filter until the rows suffice."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
@@ -206,15 +205,6 @@ class WindowState(FilterState):
             return False
         F, H = self.looked_at
         return F is self.F.value and H is self.H.value and engine.rows[0].arrival > self.irregular
-
-    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
-        """The book's update, for as long as the rows do not determine the state."""
-        P = self.P.value
-        cross = None if cross is None or len(z) != cross.shape[1] else cross
-        K, S = innovation_gain(P, H, R, cross)
-        posterior = joseph(P, K, H, R) if cross is None else P - K @ S @ K.T
-        self._publish(self.x + K @ (z - H @ self.x), Covariance.of(posterior))
-        return Covariance.of(K)
 
     def _too_old(self, delay: int) -> bool:
         limits = self.limits

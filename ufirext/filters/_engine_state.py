@@ -1,0 +1,41 @@
+"""What state objects with an engine share: the warm-up before the rows suffice, and copies."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from typing import Any, Self
+
+from .._arrays import Array
+from ..engines.covariance import Covariance
+from ._state import FilterState
+from ._update import innovation_gain, joseph
+
+
+class EngineState(FilterState):
+    """A state whose rows are held by an engine, made for the model matrices in `anchor`."""
+
+    engine: Any
+    anchor: tuple[Array, ...]
+
+    def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
+        """The book's update, for as long as the rows do not determine the state."""
+        P = self.P.value
+        cross = None if cross is None or len(z) != cross.shape[1] else cross
+        K, S = innovation_gain(P, H, R, cross)
+        posterior = joseph(P, K, H, R) if cross is None else P - K @ S @ K.T
+        self._publish(self.x + K @ (z - H @ self.x), Covariance.of(posterior))
+        return Covariance.of(K)
+
+    def _forked(self, torn: Iterable[str]) -> Self:
+        """A settled copy with an engine of its own; `torn` names what must not be shared and is made anew."""
+        fork = object.__new__(type(self))
+        live = {name: copy.deepcopy(self.__dict__[name]) for name in ("F", "H", "Q", "R", "M", "B")}
+        fork.__dict__.update(self.__dict__ | live | dict.fromkeys((*torn, "_x_handed", "_P_handed")))
+        if self.engine is not None:
+            fork.engine = self.engine.copy()
+            fork.anchor = tuple(
+                getattr(fork, name).value if old is getattr(self, name).value else old
+                for name, old in zip("FHQR", self.anchor, strict=False)
+            )
+        return fork
