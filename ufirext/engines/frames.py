@@ -18,13 +18,13 @@ import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
-from ..window import Row, well_scaled
+from ..window import Row
 
 if TYPE_CHECKING:
     from .records import Limits, Records
 
-# A scaled pivot below this: the normal equations would lose too much.
-WEAK_PIVOT = 0.03
+# Squared pivots below this fraction of their diagonal entries: the normal equations would lose too much.
+LEAST = 1e-4
 # Transitions that grow beyond this from the frame on make the sums lose digits.
 GROWTH = 1e4
 
@@ -39,51 +39,69 @@ class Frames:
         horizon, boundary = limits.horizon, records.now
         n = len(records.steps[-1].F)
         self.dim_x, self.horizon, self.delays, self.by_arrival = n, horizon, delays, limits.by_arrival
-        # Rows of the block by the step they count for, in the next block's frame; [Lam | -eta] will do.
+        self.driven = any(step.known is not None for step in records.steps)
+        # [Lam | -eta] of the rows of a block by the step they count for, in the next block's frame.
         self.grams = np.zeros((horizon, n, n + 1))
-        self.older = np.zeros((horizon + 1, n, n + 1))  # the rows before it from a step on, in this frame
-        self.sum = np.zeros((2 * n + 2, 2 * n + 2))  # the rows of the block in both frames
+        self.older = np.zeros((horizon + 1, n, n + 1))  # of the rows before it from a step on, in this one's
+        self.sum = np.zeros((2 * n + 2, 2 * n + 2))  # grams of the rows of the block in both frames
         self.newer = self.sum[:n, : n + 1]
+        self.second = slice(n + 1, 2 * n + 1), slice(n + 1, None)
+        self.start = np.concatenate([np.zeros((n + 1, n + 1)), np.eye(n + 1)], axis=1)
+        self.total = np.empty((n, n + 1))  # of the window, and parts of it
+        self.Lam, self.right, self.scales = self.total[:, :n], self.total[:, n], self.total[:, :n].diagonal()
         self.point = np.zeros(2 * n + 2)  # [x_f; 1; 0]
-        self.point[n] = 1.0
-        self.came, self.instants_of = [0] * horizon, [0] * horizon
+        self.point[n], self.frame_x = 1.0, self.point[:n]
+        self.rows_until: list[int] = []  # rows before each step of the block, instants likewise
+        self.instants_until: list[int] = []
         frame = boundary - horizon - delays
         products = [np.eye(n + 1)]
         for step in range(frame + 1, boundary + 1):
             products.append(records.step(step).affine.dot(products[-1]))
+        rows, instants = [0] * horizon, [0] * horizon
         for row in records.rows:
             place = (row.arrival if self.by_arrival else row.origin) - boundary + horizon - 1
             if place >= 0:
                 product = products[row.origin - frame]
                 self.grams[place] += product.T.dot(row.gram.dot(product))[:n]
-                self._count(place, row.origin == row.arrival)
+                instants[place] += rows[place] == 0 and row.origin == row.arrival
+                rows[place] += 1
+        self.rows_until = list(accumulate(rows, initial=0))
+        self.instants_until = list(accumulate(instants, initial=0))
+        self.all_rows, self.all_instants = self.rows_until.pop(), self.instants_until.pop()
         self._begin(boundary, products[horizon:], records)
 
     def _begin(self, boundary: int, leads: list[Array], records: Records) -> None:
         """A new block; `leads` are the products from its frame to the steps boundary - delays .. boundary."""
-        np.cumsum(self.grams[::-1], axis=0, out=self.older[-2::-1])
+        np.add.accumulate(self.grams[::-1], axis=0, out=self.older[-2::-1])
         self.grams.fill(0.0)
         self.sum.fill(0.0)
-        self.older_rows = list(accumulate(reversed(self.came), initial=0))[::-1]
-        self.older_instants = list(accumulate(reversed(self.instants_of), initial=0))[::-1]
-        self.newer_rows = self.newer_instants = self.age = 0
-        self.came, self.instants_of = [0] * self.horizon, [0] * self.horizon
-        self.boundary = boundary
-        nexts = [np.eye(self.dim_x + 1)]
-        for step in range(boundary - self.delays + 1, boundary + 1):
-            nexts.append(records.step(step).affine.dot(nexts[-1]))
+        self.earlier_rows, self.earlier_instants = self.rows_until, self.instants_until
+        self.earlier_rows.append(self.all_rows)
+        self.earlier_instants.append(self.all_instants)
+        self.rows_until, self.instants_until = [], []
+        self.boundary, self.age = boundary, 0
         # Products from both frames to every step from boundary - delays on, side by side.
-        self.trail = [np.concatenate(pair, axis=1) for pair in zip(leads, nexts, strict=True)]
-        self.both = self.trail[-1]
+        both, k = self.start.copy(), self.dim_x + 1
+        self.trail: list[Array] = []
+        for step, lead in enumerate(leads, boundary - self.delays):
+            if self.trail:
+                both = records.step(step).affine.dot(both)
+            both[:, :k] = lead
+            self.trail.append(both)
+        self.both = both
 
     def advance(self, records: Records) -> None:
         """One more transition, the newest of the records."""
         if self.age == self.horizon:
             last = self.trail[-1 - self.delays :] if self.delays else [self.both]
-            leads = [np.ascontiguousarray(both[:, self.dim_x + 1 :]) for both in last]
-            self._begin(self.boundary + self.horizon, leads, records)
+            self._begin(self.boundary + self.horizon, [both[:, self.dim_x + 1 :] for both in last], records)
         self.age += 1
-        self.both = records.steps[-1].affine.dot(self.both)
+        self.rows_until.append(self.all_rows)
+        self.instants_until.append(self.all_instants)
+        step = records.steps[-1]
+        self.both = step.affine.dot(self.both)
+        if step.known is not None:
+            self.driven = True
         if self.delays:
             self.trail.append(self.both)
 
@@ -93,57 +111,68 @@ class Frames:
         self.both = self.trail[-1] = self.both.copy()
         self.both[:n, n] += delta
         self.both[:n, -1] += delta
+        self.driven = True
 
     def add(self, row: Row, now: int) -> bool:
         """A row that arrived now; False where these sums have no place for it."""
         late = now - row.origin
-        place = self.age - 1 - (0 if self.by_arrival else late)
-        if late > self.delays or place < 0:
+        both, place = self.both, self.age - 1
+        if late:
+            if not self.by_arrival:
+                place -= late
+            if late > self.delays or place < 0:
+                return False
+            both = self.trail[row.origin - self.boundary + self.delays]
+        elif place < 0:
             return False
-        both = self.trail[row.origin - self.boundary + self.delays] if late else self.both
         gram = both.T.dot(row.gram.dot(both))
         self.sum += gram
-        here = self.grams[place]
-        here += gram[-1 - self.dim_x : -1, -1 - self.dim_x :]
-        self.newer_rows += 1
-        self.newer_instants += self._count(place, not late)
+        first = self.all_rows == self.rows_until[-1] and not late
+        if first:
+            self.grams[place] = gram[self.second]
+            self.all_instants += 1
+        else:
+            self.grams[place] += gram[self.second]
+        self.all_rows += 1
+        if late and not self.by_arrival:
+            for step in range(place + 1, self.age):
+                self.rows_until[step] += 1
         return True
-
-    def _count(self, place: int, on_time: bool) -> bool:
-        self.came[place] += 1
-        alone = on_time and self.came[place] == 1
-        self.instants_of[place] += alone
-        return alone
 
     def merged(self, rows: list[Row]) -> None:
         """The rows of this step became these; the sums hold them already."""
-        place = self.age - 1
-        self.newer_rows += len(rows) - self.came[place]
-        self.came[place] = len(rows)
+        if self.rows_until:
+            self.all_rows = self.rows_until[-1] + len(rows)
+        else:  # the boundary itself
+            self.all_rows = self.earlier_rows[-1] = self.earlier_rows[-2] + len(rows)
 
     @property
     def rows(self) -> int:
         """Rows in the window."""
-        return self.older_rows[self.age] + self.newer_rows
+        return self.all_rows - self.earlier_rows[self.age]
 
     @property
     def instants(self) -> int:
         """Steps of the window that brought a row of their own: it has at least so many origins."""
-        return self.older_instants[self.age] + self.newer_instants
+        return self.all_instants - self.earlier_instants[self.age]
 
     def estimate(self) -> Array | None:
         """x of least squares over the window, None where the digits would not do."""
-        n, both = self.dim_x, self.both
-        total = self.older[self.age] + self.newer
-        Lam = total[:, :n]
-        factor, solution, info = cholesky_solver()(Lam, total[:, n])
-        if info or not well_scaled(factor, Lam, WEAK_PIVOT**2):
+        np.add(self.older[self.age], self.newer, out=self.total)
+        factor, solution, info = cholesky_solver()(self.Lam, self.right)
+        if info:
             return None
-        if np.vdot(both, both) > GROWTH**2 and np.vdot(both[:n, :n], both[:n, :n]) > GROWTH**2:
-            return None
-        point = self.point
-        point[:n] = -solution
-        x: Array = both.dot(point)[:n]
+        for pivot, entry in zip(factor.diagonal().tolist(), self.scales.tolist(), strict=True):
+            if not pivot * pivot >= LEAST * entry:
+                return None
+        both = self.both
+        # What is known of x is taken off and added again: it must not have grown out of proportion.
+        if self.driven and np.vdot(both, both) > GROWTH**2:
+            n = self.dim_x
+            if np.vdot(both[:n, :n], both[:n, :n]) > GROWTH**2:
+                return None
+        np.negative(solution, out=self.frame_x)
+        x: Array = both.dot(self.point)[: self.dim_x]
         return x
 
     @property

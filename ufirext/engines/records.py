@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, readonly
 from ..gains import exact_covariance, least_squares
 from ..window import Row, Window
 from .covariance import Covariance
@@ -39,12 +40,17 @@ class Step:
         """E = [[F, known], [0, 1]], the transition of [x; 1]."""
         if self._affine is None:
             n = len(self.F)
-            E = np.zeros((n + 1, n + 1))
-            E[:n, :n], E[n, n] = self.F, 1.0
+            E = _identity(n + 1).copy()
+            E[:n, :n] = self.F
             if self.known is not None:
                 E[:n, n] = self.known
             self._affine = E
         return self._affine
+
+
+@cache
+def _identity(size: int) -> Array:
+    return readonly(np.eye(size))
 
 
 class Limits(NamedTuple):

@@ -112,12 +112,25 @@ class Varying(Records):
         x = self._from_sums()
         if x is None:
             return super().solve(limits)
-        return self.solution(x if self.after is None else x + self.after)
+        newest = self.rows[-1] if self.rows else None
+        x = x if self.after is None else x + self.after
+        return estimate_of(self, x, self.now, newest, self.window_rows)
 
-    def solution(self, x: Array) -> Solution:
-        """What can be asked about x of the present window, which the sums have given."""
-        past, rows = (Past(self, self.now, self.rows[-1] if self.rows else None),), self.window_rows
-        return Solution(x, Covariance(_covariance, past), Covariance(_gain, past), Covariance(_newest, past), rows)
+    def joined(self, row: Row) -> Array | None:
+        """x with a row that arrived now; None, with nothing done, where the reference is needed."""
+        sums = self.sums
+        if not isinstance(sums, Frames) or not sums.add(row, self.now):
+            return None
+        if self.rows and self.rows[-1].arrival == self.now:
+            self._compress()
+        self.rows.append(row)
+        x = sums.estimate() if not self.limits.extends or self._enough(sums) else None
+        if x is None:
+            self.rows.pop()
+            self.sums = None
+        elif self.now >= self.next_forget:
+            self.forget(self.limits)
+        return x
 
     @property
     def window_rows(self) -> int:
@@ -145,6 +158,13 @@ class Varying(Records):
             return True
         bound = self.now - self.limits.horizon
         return len({row.origin for row in self.rows if self._key(row) > bound}) >= wanted
+
+
+def estimate_of(engine: Varying, x: Array, now: int, newest: Row | None, rows: int) -> Solution:
+    """x, the estimate of a window as it stood at a step, and what can be asked about it."""
+    past = (Past(engine, now, newest),)
+    covariance, gain, newest_gain = (Covariance(later, past) for later in (_covariance, _gain, _newest))
+    return Solution(x, covariance, gain, newest_gain, rows)
 
 
 class Past(NamedTuple):

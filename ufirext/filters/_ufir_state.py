@@ -18,25 +18,23 @@ from ..engines.lean import intake, reading
 from ..engines.ring import Ring
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
-from ._window_state import MISSING, WINDOWS, WindowState, checked_horizon
+from ._varying_state import VaryingState
+from ._window_state import MISSING, WINDOWS, checked_horizon
 
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
 
 
-class UFIRState(WindowState):
-    """A window state with a hot path."""
+class UFIRState(VaryingState):
+    """A window state with a hot path for constant models as well."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z, horizon, missing, window)
-        self.mode = SLOW
         self.ring: Ring | None = None  # the engine, while the hot path holds
         self.put: Callable[[Any], bool] | None = None  # z into the ring
         self.read: Callable[[], Array] | None = None  # x of a full plain window, which can wait until read
         self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
-        self.hot_x: Array | None = None  # x after the last hot update, where there is no `read`
         self.missed = 0  # hot steps without a measurement, in a row
         self.silent = 0  # of these, the last ones that had no update() either
-        self.seen = 0  # step up to which the published fields are worked out
 
     def _ring(self, now: int) -> Ring:
         self.put = self.readers = None
@@ -56,13 +54,14 @@ class UFIRState(WindowState):
     def warm(self) -> None:
         """Go over to the hot path if nothing stands against it."""
         ring = self.engine
-        if (
+        if self.ready_at != self.now or self.missing != "extend" or self._P_handed is not None:
+            return
+        if isinstance(ring, Varying):
+            self._enter(ring)
+        elif (
             isinstance(ring, Ring)
             and ring.raw is None
-            and self.ready_at == self.now
-            and self.missing == "extend"
             and not self.watching
-            and self._P_handed is None
             and not (self.stale and self.policy == "auto")
             and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
         ):
@@ -147,6 +146,10 @@ class UFIRState(WindowState):
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
+            if self.lane is not None:
+                x = self._x_handed = self.turned_x()
+                self._x_raw = x.tobytes()
+                return x
             x = self.posted_x()
             if self.mode == PREDICTED:
                 x = self.F.value.dot(x)
@@ -159,6 +162,9 @@ class UFIRState(WindowState):
     def look(self) -> UFIRState:
         """Work out what the hot path left out; every field is then what the slow path would have made it."""
         if not self.mode:
+            return self
+        if self.lane is not None:
+            self._publish_turned(self.lane)
             return self
         ring = self._hot_ring()
         F, Q = self.F.value, self.Q.value
@@ -202,7 +208,10 @@ class UFIRState(WindowState):
 
     def leave(self) -> None:
         """Leave the hot path."""
-        if self.mode:
+        if self.lane is not None:
+            self.look()
+            self._leave_lane(self.lane)
+        elif self.mode:
             self.look()
             if self.mode == PREDICTED:
                 self._hot_ring().advance(None)
