@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from itertools import dropwhile, takewhile
 from operator import attrgetter
@@ -14,6 +15,10 @@ from .exact import window_covariance
 from .frames import Frames
 from .records import Limits, Records, Solution
 from .suffixes import Suffixes
+
+
+# Forgetting a few steps at a time costs the same at every horizon, and no step is long.
+FORGET_EVERY = 32
 
 
 class Varying(Records):
@@ -91,13 +96,13 @@ class Varying(Records):
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, two steps late: covariances are worked out afterwards."""
         if self.now < self.next_forget:
-            return  # in batches: a step costs the same at every horizon
-        self.next_forget = self.now + max(32, limits.reach // 2)
+            return
+        self.next_forget = self.now + FORGET_EVERY
         bound = self.now - limits.reach - 2
-        self.rows = [row for row in self.rows if self._key(row) > bound]
-        # The sums still ask for the transitions from their frames on.
-        first = min([bound, *(row.origin for row in self.rows)])
-        if self.sums is not None:
+        # In the order of arrival, and no row arrives before its origin.
+        del self.rows[: bisect_right(self.rows, bound, key=attrgetter("arrival"))]
+        first = bound - self.delays
+        if self.sums is not None:  # which still ask for the transitions from their frames on
             first = min(first, self.sums.frame)
         while self.first < first:
             self.steps.popleft()
