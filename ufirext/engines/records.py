@@ -147,11 +147,12 @@ class Records:
     def negligible(self, row: Row) -> bool:
         """A row whose information is nothing beside the largest in reach counts as missing."""
         peak, information = self.peak, row.information
-        if peak is None or information < NEGLIGIBLE * peak.information:
+        if peak is not None and NEGLIGIBLE * peak.information <= information <= peak.information:
+            return False
+        if peak is None or information < peak.information:
             # The peak may have left the reach; what is not negligible beside an older one is not at all.
-            peak = self.peak = max(self.rows, key=lambda other: other.information, default=row)
-        if information > peak.information:
-            self.peak = row
+            peak = max(self.rows, key=lambda other: other.information, default=row)
+        self.peak = peak if peak.information > information else row
         return bool(self.rows) and information < NEGLIGIBLE * peak.information
 
     def forget(self, limits: Limits) -> None:
