@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Iterable
 from fractions import Fraction
 
 import numpy as np
@@ -109,19 +110,23 @@ def exact(history: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], 
     for place, (F, z, R, H) in enumerate(window):
         if place:
             F_now = [[Fraction(v) for v in row] for row in F.tolist()]
-            product = [[sum(a * b for a, b in zip(row, col, strict=True)) for col in zip(*product, strict=True)]
-                       for row in F_now]  # fmt: skip
+            columns = list(zip(*product, strict=True))
+            product = [[_dot(row, column) for column in columns] for row in F_now]
         for numbers, value, variance in zip(
             H.tolist(), z.ravel().tolist(), R.diagonal().tolist(), strict=True
         ):
-            seen = [sum(Fraction(h) * product[k][j] for k, h in enumerate(numbers)) for j in range(n)]
+            seen = [_dot(map(Fraction, numbers), column) for column in zip(*product, strict=True)]
             weight = 1 / Fraction(variance)
             for i in range(n):
                 eta[i] += weight * seen[i] * Fraction(value)
                 for j in range(n):
                     Lam[i][j] += weight * seen[i] * seen[j]
     x = _solved(Lam, eta)
-    return [float(sum(a * b for a, b in zip(row, x, strict=True))) for row in product]
+    return [float(_dot(row, x)) for row in product]
+
+
+def _dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
+    return sum((left * right for left, right in zip(a, b, strict=True)), Fraction(0))
 
 
 def _solved(A: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:

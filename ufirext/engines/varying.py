@@ -16,7 +16,6 @@ from .frames import Frames
 from .records import Limits, Records, Solution
 from .suffixes import Suffixes
 
-
 # Forgetting a few steps at a time costs the same at every horizon, and no step is long.
 FORGET_EVERY = 32
 
