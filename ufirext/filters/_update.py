@@ -38,7 +38,8 @@ class Update:
         if self.z is None:
             return np.zeros(len(self.H))
         if self.mask.all():
-            return self.z - self.H.dot(self.x)
+            innovation: Array = self.z - self.H.dot(self.x)
+            return innovation
         return np.where(self.mask, np.where(self.mask, self.z, 0.0) - self.H @ self.x, 0.0)
 
     @cached_property
