@@ -100,36 +100,34 @@ class Row:
 def quick_row(now: int, z: Any, H: Any, R: Any) -> Row | None:
     """A row of this step from arrays of floats, H and R not copied; None for whatever needs a closer look.
 
-    That is: other types and shapes, NaN, infinity, an R that is no covariance or hardly one, an H with a row
-    of zeros, which measures nothing.
+    That is: other types and shapes, NaN, infinity, an R that is plainly no covariance, an H with a row of
+    zeros, which measures nothing.
     """
     if not (H.__class__ is R.__class__ is np.ndarray and H.dtype is R.dtype is FLOAT and H.ndim == 2):
         return None
     m = len(H)
     if R.shape != (m, m):
         return None
-    if z.__class__ is float and m == 1:
-        flat = np.array([z])
-    elif z.__class__ is np.ndarray and z.dtype is FLOAT and z.shape in ((m, 1), (m,)):
+    if z.__class__ is np.ndarray and z.dtype is FLOAT and z.shape in ((m, 1), (m,)):
         flat = z.flatten()
+    elif z.__class__ is float and m == 1:
+        flat = np.array([z])
     else:
         return None
     total = sum(flat.tolist())
     if total - total != 0.0:
         return None
-    for numbers in H.tolist():
-        if not 0.0 < hypot(*numbers) < inf:
+    information = 0.0
+    for numbers, variance in zip(H.tolist(), R.diagonal().tolist(), strict=True):
+        norm = hypot(*numbers)
+        if not (0.0 < norm < inf and 0.0 < variance < inf):
             return None
-    if m > 1 and R.tobytes() != R.T.tobytes():
-        return None
+        information += norm * norm / variance
     row = Row(now, now, H, R, flat)
-    factor, weighted, info = cholesky_solver()(R, row.raw)
-    if info:
+    if np.count_nonzero(R) == m:
+        row._information = information
+    elif R.tobytes() != R.T.tobytes() or not np.vdot(R, R) < inf:
         return None
-    for pivot, variance in zip(factor.diagonal().tolist(), R.diagonal().tolist(), strict=True):
-        if not GOOD_PIVOT * variance <= pivot * pivot < inf:
-            return None
-    row._gram = row.raw.T.dot(weighted)
     return row
 
 

@@ -1,7 +1,7 @@
 """Running sums over a window in a frame of its own: a handful of small products a step, at any length.
 
-Everything is in the coordinates [x; 1]: a transition is E = [[F, known], [0, 1]], a row B = [H, -z] with
-B [x; 1] = noise of covariance R, so that known inputs need no thought; B'R^-1 B is its gram.
+Everything is in the coordinates [x; 1]: x_j = [Phi c] [x_f; 1] holds known inputs in c, and [H Phi, H c - z]
+times [x_f; 1] is the noise of a row, of covariance R.
 
 Time is cut into blocks as long as the horizon. While a block runs, all rows of the window are summed up in
 the frame of x_f, f the boundary one horizon before the block: rows of the block in one sum that grows, older
@@ -18,14 +18,14 @@ import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
-from ..window import Row
+from ..window import GOOD_PIVOT, Row
 
 if TYPE_CHECKING:
-    from .records import Limits, Records
+    from .records import Limits, Records, Step
 
 # Squared pivots below this fraction of their diagonal entries: the normal equations would lose too much.
 LEAST = 1e-4
-# Transitions that grow beyond this from the frame on make the sums lose digits.
+# What is known may grow so far beyond what is estimated; then taking it off and adding it again loses digits.
 GROWTH = 1e4
 
 
@@ -46,29 +46,32 @@ class Frames:
         self.sum = np.zeros((2 * n + 2, 2 * n + 2))  # grams of the rows of the block in both frames
         self.newer = self.sum[:n, : n + 1]
         self.second = slice(n + 1, 2 * n + 1), slice(n + 1, None)
-        self.start = np.concatenate([np.zeros((n + 1, n + 1)), np.eye(n + 1)], axis=1)
+        self.known = slice(None), slice(n, None, n + 1)  # the two columns of c
+        self.start = np.concatenate([np.zeros((n, n + 1)), np.eye(n, n + 1)], axis=1)
         self.total = np.empty((n, n + 1))  # of the window, and parts of it
         self.Lam, self.right, self.scales = self.total[:, :n], self.total[:, n], self.total[:, :n].diagonal()
         self.point = np.zeros(2 * n + 2)  # [x_f; 1; 0]
         self.point[n], self.frame_x = 1.0, self.point[:n]
-        self.rows_until: list[int] = []  # rows before each step of the block, instants likewise
-        self.instants_until: list[int] = []
-        frame = boundary - horizon - delays
-        products = [np.eye(n + 1)]
+        self._build(records, boundary)
+
+    def _build(self, records: Records, boundary: int) -> None:
+        """All sums from the records."""
+        n, horizon, frame = self.dim_x, self.horizon, boundary - self.horizon - self.delays
+        products = [self.start]
         for step in range(frame + 1, boundary + 1):
-            products.append(records.step(step).affine.dot(products[-1]))
+            products.append(self._moved(records.step(step), products[-1]))
         rows, instants = [0] * horizon, [0] * horizon
         for row in records.rows:
             place = (row.arrival if self.by_arrival else row.origin) - boundary + horizon - 1
             if place >= 0:
-                product = products[row.origin - frame]
-                self.grams[place] += product.T.dot(row.gram.dot(product))[:n]
+                self.grams[place] += self._gram(row, products[row.origin - frame])[self.second]
                 instants[place] += rows[place] == 0 and row.origin == row.arrival
                 rows[place] += 1
+        # Rows before each step of the block, and steps that brought a row of their own.
         self.rows_until = list(accumulate(rows, initial=0))
         self.instants_until = list(accumulate(instants, initial=0))
         self.all_rows, self.all_instants = self.rows_until.pop(), self.instants_until.pop()
-        self._begin(boundary, products[horizon:], records)
+        self._begin(boundary, [both[:, n + 1 :] for both in products[horizon:]], records)
 
     def _begin(self, boundary: int, leads: list[Array], records: Records) -> None:
         """A new block; `leads` are the products from its frame to the steps boundary - delays .. boundary."""
@@ -85,10 +88,17 @@ class Frames:
         self.trail: list[Array] = []
         for step, lead in enumerate(leads, boundary - self.delays):
             if self.trail:
-                both = records.step(step).affine.dot(both)
+                both = self._moved(records.step(step), both)
             both[:, :k] = lead
             self.trail.append(both)
         self.both = both
+
+    def _moved(self, step: Step, both: Array) -> Array:
+        ahead: Array = step.F.dot(both)
+        if step.known is not None:
+            self.driven = True
+            ahead[self.known] += step.known[:, None]
+        return ahead
 
     def advance(self, records: Records) -> None:
         """One more transition, the newest of the records."""
@@ -98,46 +108,63 @@ class Frames:
         self.age += 1
         self.rows_until.append(self.all_rows)
         self.instants_until.append(self.all_instants)
-        step = records.steps[-1]
-        self.both = step.affine.dot(self.both)
-        if step.known is not None:
-            self.driven = True
+        self.both = self._moved(records.steps[-1], self.both)
         if self.delays:
             self.trail.append(self.both)
 
     def move(self, delta: Array) -> None:
         """x of now was moved by delta."""
-        n = self.dim_x
         self.both = self.trail[-1] = self.both.copy()
-        self.both[:n, n] += delta
-        self.both[:n, -1] += delta
+        self.both[self.known] += delta[:, None]
         self.driven = True
+
+    def take(self, row: Row) -> bool:
+        """A row of this step, with nothing about it; False, with nothing done, where R is hardly regular."""
+        if not self.age:
+            return False
+        seen = row.H.dot(self.both)
+        known = seen[self.known]
+        known -= row.z[:, None]
+        factor, weighted, info = cholesky_solver()(row.R, seen)
+        if info:
+            return False
+        for pivot, variance in zip(factor.diagonal().tolist(), row.R.diagonal().tolist(), strict=True):
+            if not GOOD_PIVOT * variance <= pivot * pivot:
+                return False
+        self._sum(seen.T.dot(weighted), self.age - 1)
+        return True
 
     def add(self, row: Row, now: int) -> bool:
         """A row that arrived now; False where these sums have no place for it."""
         late = now - row.origin
         both, place = self.both, self.age - 1
         if late:
-            if not self.by_arrival:
-                place -= late
-            if late > self.delays or place < 0:
-                return False
-            both = self.trail[row.origin - self.boundary + self.delays]
-        elif place < 0:
+            both = self.trail[row.origin - self.boundary + self.delays] if late <= self.delays else both
+            place -= 0 if self.by_arrival else late
+        if late > self.delays or place < 0:
             return False
-        gram = both.T.dot(row.gram.dot(both))
-        self.sum += gram
-        first = self.all_rows == self.rows_until[-1] and not late
-        if first:
-            self.grams[place] = gram[self.second]
-            self.all_instants += 1
-        else:
-            self.grams[place] += gram[self.second]
-        self.all_rows += 1
+        self._sum(self._gram(row, both), place, bool(late))
         if late and not self.by_arrival:
             for step in range(place + 1, self.age):
                 self.rows_until[step] += 1
         return True
+
+    def _gram(self, row: Row, both: Array) -> Array:
+        """Of any row, in both frames."""
+        white = row.affine
+        seen = white[:, :-1].dot(both)
+        seen[self.known] += white[:, -1:]
+        gram: Array = seen.T.dot(seen)
+        return gram
+
+    def _sum(self, gram: Array, place: int, late: bool = False) -> None:
+        self.sum += gram
+        if late or self.all_rows > self.rows_until[-1]:
+            self.grams[place] += gram[self.second]
+        else:
+            self.grams[place] = gram[self.second]
+            self.all_instants += 1
+        self.all_rows += 1
 
     def merged(self, rows: list[Row]) -> None:
         """The rows of this step became these; the sums hold them already."""
@@ -166,13 +193,12 @@ class Frames:
             if not pivot * pivot >= LEAST * entry:
                 return None
         both = self.both
-        # What is known of x is taken off and added again: it must not have grown out of proportion.
         if self.driven and np.vdot(both, both) > GROWTH**2:
             n = self.dim_x
-            if np.vdot(both[:n, :n], both[:n, :n]) > GROWTH**2:
+            if np.vdot(both[:, :n], both[:, :n]) > GROWTH**2:
                 return None
         np.negative(solution, out=self.frame_x)
-        x: Array = both.dot(self.point)[: self.dim_x]
+        x: Array = both.dot(self.point)
         return x
 
     @property

@@ -123,7 +123,7 @@ class Varying(Records):
     def joined(self, row: Row) -> Array | None:
         """x with a row that arrived now; None, with nothing done, where the reference is needed."""
         sums = self.sums
-        if not isinstance(sums, Frames) or not sums.add(row, self.now):
+        if not isinstance(sums, Frames) or not sums.take(row):
             return None
         if self.rows and self.rows[-1].arrival == self.now:
             self._compress()
