@@ -24,7 +24,7 @@ class Slots:
     """Buffer of the last measurements, with the holes, delays and weights of its rows.
 
     `free` holds w (z - H x_u), what gains are applied to. `raw` (z itself) is kept only once something is
-    known about the state or a row came late.
+    known about the state, a row came late, or one with a weight of its own.
     """
 
     def __init__(self, plan: Plan, limits: Limits, now: int) -> None:
@@ -35,8 +35,6 @@ class Slots:
         self.end = self.keep  # one past the newest slot
         m = plan.model.dim_z
         self.free = np.zeros((self.capacity, m))
-        self.single = m == 1
-        self.variances: list[float] = plan.model.R.ravel().tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
         self._default()
@@ -44,7 +42,7 @@ class Slots:
         self.irregular = now - 1  # newest step that broke the plain sequence
         self.spread = 0  # longest delay seen
         self.newest_age = 0  # of the row that came last
-        self.odd: dict[int, Row] = {}
+        self.noise: dict[int, bytes] = {}  # R of the rows whose weight is not 1, by their origin
         self.raw: Array | None = None
         self.inputs: Trajectory | None = None
 
@@ -73,7 +71,20 @@ class Slots:
             self.inputs.compact(shift, self.keep)
         self.base, self.end = self.base + shift, self.keep
         self._default()
-        self.odd = {step: row for step, row in self.odd.items() if step >= self.base}
+        self.noise = {step: R for step, R in self.noise.items() if step >= self.base}
+        self._forget_late()
+
+    def _forget_late(self) -> None:
+        """Be a plain buffer again once all rows in reach came on time and with the model's weight."""
+        raw, arrivals = self.raw, self.arrivals[: self.end]
+        if raw is None or self.inputs is not None or self.noise:
+            return
+        came = arrivals != NEVER
+        if (arrivals != np.arange(self.base, self.base + self.end))[came].any():
+            return
+        self.weights[: self.end] = came
+        self.free[: self.end] = raw[: self.end] * came[:, None]
+        self.raw, self.spread = None, 0
 
     # -- transitions -----------------------------------------------------------------------------------------
 
@@ -100,37 +111,27 @@ class Slots:
 
     def _trajectory(self) -> Trajectory:
         if self.inputs is None:
-            self._keep_raw()
+            self.keep_raw()
             self.inputs = Trajectory(self.capacity, self.plan.model.dim_x, self.now)
         return self.inputs
 
-    def _keep_raw(self) -> None:
+    def keep_raw(self) -> None:
+        """From now on z itself is kept too; until now `free` is just that."""
         if self.raw is None:
             self.raw = self.free.copy()
-            for step, row in self.odd.items():
-                self.raw[step - self.base] = row.z
 
     def _rebase(self, inputs: Trajectory) -> None:
         """Start x_u anew at the oldest slot of the window; forget it once nothing in reach knew anything."""
         raw: Array = self.free if self.raw is None else self.raw
         if not inputs.known[self.end - self.keep : self.end].any():
             self.free[: self.end] = raw[: self.end] * self.weights[: self.end, None]
-            self.inputs, self.raw = None, raw if self.spread else None
+            self.inputs, self.raw = None, raw if self.spread or self.noise else None
             return
         low = self.end - self.limits.horizon - self.overhang
         inputs.rebase(low, self.end, self.plan.model.F)
         inputs.rebased, inputs.valid_from = self.now, self.base + low
         seen = inputs.path[low : self.end] @ self.plan.model.H.T
         self.free[low : self.end] = self.weights[low : self.end, None] * (raw[low : self.end] - seen)
-
-    def hole(self) -> None:
-        """The hot path's update(None): a slot that stays empty."""
-        i = self.end
-        self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
-        self.irregular = self.base + i
-        self.end = i + 1
-        if self.end == self.capacity:
-            self.compact()
 
     # -- rows ------------------------------------------------------------------------------------------------
 
@@ -164,11 +165,12 @@ class Slots:
             return False
         if self._taken(i) or (self.inputs is not None and row.origin < self.inputs.valid_from):
             return False
-        if late:
-            self._keep_raw()  # rows will leave the weighted copy one by one, in the order they came
-        self.arrivals[i], self.weights[i], self.newest_age = row.arrival, weight, late
         if late or weight != 1.0:
-            self.odd[row.origin], self.irregular = row, self.now
+            self.keep_raw()  # rows will leave the weighted copy one by one, in the order they came
+            self.irregular = self.now
+        if weight != 1.0:
+            self.noise[row.origin] = row.R.tobytes()
+        self.arrivals[i], self.weights[i], self.newest_age = row.arrival, weight, late
         if self.raw is not None:
             self.raw[i] = row.z
         self.free[i] = weight * self._unmoved(row.z, i)
@@ -179,40 +181,18 @@ class Slots:
             self.begin = row.origin
         return True
 
-    def quick_weight(self, R: Any) -> float | None:
-        """w where R = R_model / w, for the hot path; None for whatever is not plainly so, or far from 1."""
-        base = self.variances
-        try:
-            if self.single:
-                weight = base[0] / (R if type(R) is float else R.item())
-            else:
-                if R.shape != self.plan.model.R.shape:
-                    return None
-                given = R.ravel().tolist()
-                weight = base[0] / given[0]
-                for ours, theirs in zip(base, given, strict=True):
-                    gap = ours - weight * theirs
-                    if gap and abs(gap) > 1e-15 * abs(ours):
-                        return None
-        except (AttributeError, TypeError, ValueError, ZeroDivisionError):
-            return None
-        return weight if 1.0 / ORDINARY < weight < ORDINARY else None
+    def row(self, step: int) -> Row:
+        """The row of a slot that has one, as it came."""
+        i, model, R = step - self.base, self.plan.model, self.noise.get(step)
+        z: Array = (self.free if self.raw is None else self.raw)[i].copy()
+        noise = model.R if R is None else np.frombuffer(R).reshape(model.R.shape)
+        return Row(step, int(self.arrivals[i]), model.H, noise, z)
 
-    def weigh(self, weight: float, R: Any, z: Any) -> None:
-        """Note the weight of the row stored last (as w z), and what came."""
-        i, now = self.end - 1, self.now
-        if self.single:
-            R, z = np.array(R, dtype=float).reshape(1, 1), np.array(z, dtype=float).reshape(1)
-        else:
-            R, z = R.copy(), z.reshape(-1).copy()
-        self.odd[now] = Row(now, now, self.plan.model.H, R, z)
-        self.weights[i], self.irregular = weight, now
-
-    def unstore(self) -> None:
-        """Take the row stored last back."""
-        self.odd.pop(self.now, None)
-        self.end -= 1
-        self.weights[self.end] = 1.0
+    @property
+    def ordinary(self) -> bool:
+        """Whether no row in the window outweighs any that is as good as the model's."""
+        window = self.weights[self.end - self.limits.horizon - self.overhang : self.end]
+        return not self.noise or float(window.max()) <= ORDINARY
 
     def relative_weight(self, row: Row) -> float | None:
         """w where R_row = R / w; None where R is no multiple of the model's, or H another."""

@@ -1,0 +1,88 @@
+"""Normal equations of windows with holes and weights, in an orthonormal basis of the full window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Array
+from .._lapack import cholesky_solver
+from ..model import Model
+from ..window import model_window
+
+__all__ = ["WEAK_PIVOT", "Basis"]
+
+# A pivot below this (the full window's are 1) means that the rows present are too few for normal equations.
+WEAK_PIVOT = 1e-3
+# Grams with more numbers than this are worth a factorisation: their entries follow few modes of F.
+LARGE = 4096
+# Modes below this fraction of the largest are rounding.
+ROUNDING = 1e-15
+
+
+class Basis:
+    """An orthonormal basis of the full window of `length` steps, for windows with holes and weights.
+
+    With the whitened rows C = U S V' of the window, rows present with weights w_i give
+    x = back Lam^-1 sum_i w_i U_i' W z_i,  Lam = sum_i w_i U_i' U_i: close to the identity, so that normal
+    equations lose nothing where few rows are missing.
+    """
+
+    def __init__(self, model: Model, length: int) -> None:
+        window = model_window(model, length)
+        U, s, Vt = window.spectrum
+        r = window.rank
+        self.length, self.rank = length, r
+        blocks = U[:, :r].reshape(length, model.dim_z, r)
+        self.back = np.ascontiguousarray((window.T / window.scale) @ (Vt[:r].T / s[:r]))
+        # eta = project @ (weighted raw measurements), Lam = the product of all `grams` with the weights
+        self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
+        grams = (blocks.transpose(0, 2, 1) @ blocks).reshape(length, -1).T
+        self.grams = _factors(np.ascontiguousarray(grams))
+        self.blocks = blocks
+        self.sound = window.determined() and r > 0
+
+    def solver(self, columns: bool = False) -> Callable[[Array, Array], Array | None]:
+        """solve(weights, free): x of weights (length,) and weighted measurements, oldest first; None where
+        the rows are too few for normal equations.
+
+        `free` is (length dim_z,) or, with `columns`, (length dim_z, 1), and so is x. Every solver has a
+        buffer of its own.
+        """
+        r = self.rank
+        if not self.sound:
+            return _nothing
+        factorise: Any = cholesky_solver()
+        project, back = self.project.dot, self.back.dot
+        gram, *inner = (factor.dot for factor in self.grams)
+        flat = np.zeros(r * r)
+        matrix, pivots = flat.reshape(r, r).T, flat[:: r + 1]  # symmetric: LAPACK's order costs nothing
+
+        def solve(weights: Array, free: Array) -> Array | None:
+            for factor in inner:
+                weights = factor(weights)
+            gram(weights, flat)
+            _, solution, info = factorise(matrix, project(free), 0, 1, 1)
+            if info or min(pivots.tolist()) < WEAK_PIVOT:
+                return None
+            x: Array = back(solution if columns else solution.reshape(-1))
+            return x
+
+        return solve
+
+
+def _nothing(weights: Array, free: Array) -> Array | None:
+    return None
+
+
+def _factors(grams: Array) -> tuple[Array, ...]:
+    """(grams,), or two factors of it, outer first, where that is less work."""
+    if grams.size <= LARGE:
+        return (grams,)
+    U, s, Vt = np.linalg.svd(grams, full_matrices=False)
+    modes = int(np.count_nonzero(s > ROUNDING * s[0]))
+    if 2 * modes * sum(grams.shape) > grams.size:
+        return (grams,)
+    return np.ascontiguousarray(U[:, :modes] * s[:modes]), np.ascontiguousarray(Vt[:modes])
