@@ -12,12 +12,16 @@ from .._lapack import cholesky_solver
 from ..model import Model
 from ..window import model_window
 
-__all__ = ["WEAK_PIVOT", "Basis"]
+__all__ = ["WEAK_PIVOT", "Basis", "Memory"]
 
 # A pivot below this (the full window's are 1) means that the rows present are too few for normal equations.
 WEAK_PIVOT = 1e-3
 # Grams with more numbers than this are worth a factorisation: their entries follow few modes of F.
 LARGE = 4096
+# Bytes of gains that a memory holds; of a number; of what a gain takes besides its numbers.
+MEMORY, FLOAT, OVERHEAD = 2**21, 8, 400
+# With room for fewer gains than this, remembering them does not pay.
+FEW = 64
 # Modes below this fraction of the largest are rounding.
 ROUNDING = 1e-15
 
@@ -43,6 +47,13 @@ class Basis:
         self.grams = _factors(np.ascontiguousarray(grams))
         self.blocks = blocks
         self.sound = window.determined() and r > 0
+
+    def gain(self, weights: Array) -> Array:
+        """x = gain @ (weighted measurements), of rows that a solver finds sufficient."""
+        for factor in self.grams[::-1]:
+            weights = factor.dot(weights)
+        _, solution, _ = cholesky_solver()(weights.reshape(self.rank, self.rank), self.project)
+        return np.ascontiguousarray(self.back @ solution)
 
     def solver(self, columns: bool = False) -> Callable[[Array, Array], Array | None]:
         """solve(weights, free): x of weights (length,) and weighted measurements, oldest first; None where
@@ -71,6 +82,36 @@ class Basis:
             return x
 
         return solve
+
+
+class Memory:
+    """Gains of patterns of weights that came up again: those of sensors that take turns or of steady delays
+    recur for ever, those of random losses in a long window never do.
+    """
+
+    def __init__(self, basis: Basis) -> None:
+        self.basis = basis
+        self.known: dict[bytes, Callable[[Array], Array]] = {}
+        self.once: set[bytes] = set()
+        size = FLOAT * (basis.back.shape[0] * basis.project.shape[1] + basis.length)
+        self.room = MEMORY // (size + OVERHEAD)
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether there is room for more than a few."""
+        return bool(self.room >= FEW)
+
+    def note(self, weights: bytes) -> None:
+        """A pattern was solved; the second time its gain is worked out."""
+        if weights not in self.once:
+            if len(self.once) >= self.room:
+                self.once.clear()
+            self.once.add(weights)
+            return
+        if len(self.known) >= self.room:
+            self.known.clear()
+        self.once.discard(weights)
+        self.known[weights] = self.basis.gain(np.frombuffer(weights)).dot
 
 
 def _nothing(weights: Array, free: Array) -> Array | None:

@@ -11,7 +11,7 @@ from ..errors import UnobservableWindow
 from ..gains import Gain, exact_covariance, least_squares, observability_index, ufir_gain
 from ..model import Model
 from ..window import Window, whitener
-from .basis import Basis
+from .basis import Basis, Memory
 from .covariance import Covariance
 
 # Patterns of holes remembered by a plan, bytes of their keys.
@@ -30,6 +30,7 @@ class Plan:
         self._gains: dict[int, Gain | None] = {}
         self._lasting: dict[int, tuple[Covariance, Covariance, Covariance]] = {}
         self._bases: dict[int, Basis] = {}
+        self._memories: dict[tuple[int, int], Memory] = {}
         self._patterns: dict[bytes, Pattern] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -64,6 +65,12 @@ class Plan:
         if length not in self._bases:
             self._bases[length] = Basis(self.model, length)
         return self._bases[length]
+
+    def memory(self, length: int, least: int) -> Memory:
+        """Gains of windows of `length` steps with holes, for those who want at least so many rows."""
+        if (length, least) not in self._memories:
+            self._memories[length, least] = Memory(self.basis(length))
+        return self._memories[length, least]
 
     def pattern(self, weights: bytes) -> Pattern:
         """Gain and covariance of a window with holes and weighted rows, remembered: patterns recur as they

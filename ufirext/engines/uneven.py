@@ -21,105 +21,106 @@ __all__ = ["Uneven", "uneven"]
 
 FLOAT = np.dtype(float)
 SIZE = FLOAT.itemsize
+# What became of a row: nothing was done; it has its slot; and so has every one of the last horizon.
+REFUSED, LAID, REGULAR = 0, 1, 2
+# Estimates in a row whose patterns of weights were new, after which nobody looks for old ones any more.
+PATIENCE = 2000
 
 
 class Uneven(NamedTuple):
     """What can be done to a window with holes, weights or late rows.
 
-    `skip()` goes on by a slot that stays empty; `lay(z, delay, R, opens)` puts a row into the slot of its
-    origin, in a new step where it `opens` one: False, with nothing done, for whatever is not plainly such a
+    `step(True)` goes on by a slot that stays empty; `lay(z, delay, R, opens)` puts a row into the slot of its
+    origin, in a new step where it `opens` one: REFUSED, with nothing done, for whatever is not plainly such a
     row or has no slot. `estimate()` gives x, (dim_x, 1) or (dim_x,), and the pattern of the weights it was
     made with, None where that takes the slow path.
     """
 
     column: bool
-    skip: Callable[[], None]
-    lay: Callable[[Any, int, Any, bool], bool]
+    step: Callable[[bool], None]
+    lay: Callable[[Any, int, Any, bool], int]
     estimate: Callable[[], tuple[Array, bytes] | None]
 
 
 def uneven(ring: Ring, column: bool) -> Uneven:
     """The hands on a ring, for one form of x."""
-    skip = _skipping(ring)
-    return Uneven(column, skip, _laying(ring, skip), _estimating(ring, column))
+    step = _opening(ring)
+    return Uneven(column, step, _laying(ring, step), _estimating(ring, column))
 
 
-def _skipping(ring: Ring) -> Callable[[], None]:
+def _opening(ring: Ring) -> Callable[[bool], None]:
+    """opens(empty): a new slot, for a row that comes at once or for none."""
     width = ring.free.shape[1] * SIZE
     nothing = bytes(width)
     cells: Any = ring.free.data.cast("B")
-    weights, arrivals = ring.weights.data, ring.arrivals.data
+    weights: Any = ring.weights.data
+    arrivals: Any = ring.arrivals.data
     horizon, capacity, by_arrival = ring.limits.horizon, ring.capacity, ring.limits.by_arrival
 
-    def skip() -> None:
-        end = ring.end
-        spread = ring.spread
-        now = ring.base + end
-        cells[end * width : (end + 1) * width] = nothing
-        weights[end], arrivals[end] = 0.0, NEVER
-        ring.irregular = now
+    def opens(empty: bool) -> None:
+        end, spread = ring.end, ring.spread
+        if empty:
+            cells[end * width : (end + 1) * width] = nothing
+            weights[end], arrivals[end] = 0.0, NEVER
+            ring.irregular = ring.base + end
+        ring.end = end + 1
         if spread and by_arrival:
             # Rows that arrived a horizon ago leave the working copy, wherever their origins lie.
-            bound, last = now - horizon, end + 1 - horizon
+            bound, last = ring.base + end - horizon, end + 1 - horizon
             for i in range(last - spread - 1, last):
                 if arrivals[i] == bound:
                     weights[i] = 0.0
                     cells[i * width : (i + 1) * width] = nothing
-        ring.end = end + 1
         if end + 1 == capacity:
             ring.compact()
 
-    return skip
+    return opens
 
 
-def _laying(ring: Ring, skip: Callable[[], None]) -> Callable[[Any, int, Any, bool], bool]:
-    m = ring.free.shape[1]
+def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any, bool], int]:
+    m, horizon = ring.free.shape[1], ring.limits.horizon
     width = m * SIZE
     numbers, weigh = _numbers(m), _weighing(ring.plan.model.R)
     pack_into = Struct(f"{m}d").pack_into
-    cells = ring.free.data.cast("B")
-    weights, arrivals = ring.weights.data, ring.arrivals.data
+    cells: Any = ring.free.data.cast("B")
+    weights: Any = ring.weights.data
+    arrivals: Any = ring.arrivals.data
 
-    def lay(z: Any, delay: int, R: Any, opens: bool) -> bool:
+    def lay(z: Any, delay: int, R: Any, opens: bool) -> int:
         values = numbers(z)
         weight = 1.0 if R is None else weigh(R)
         if values is None or weight is None:
-            return False
-        i = ring.end - delay if opens else ring.end - delay - 1
-        if delay:
+            return REFUSED
+        if delay or not opens:
+            i = ring.end - delay - (not opens)
             # A row later than any before moves the window's end: that is not for the hot path.
-            begin = ring.begin
-            if not 0 < delay <= ring.spread or begin is None or ring.base + i < begin:
-                return False
-        if (delay or not opens) and arrivals[i] != NEVER:
-            return False
-        before = ring.irregular
+            if not 0 <= delay <= ring.spread or ring.base + i < ring.begin or arrivals[i] != NEVER:  # type: ignore[operator]
+                return REFUSED
         if opens:
-            skip()
-            i = ring.end - 1 - delay
+            step(delay > 0)
         now = ring.base + ring.end - 1
+        i = ring.end - 1 - delay
         if weight == 1.0:
             pack_into(cells, i * width, *values)
-            if not delay and opens:
-                ring.irregular = before
         else:
             ring.keep_raw()
             ring.noise[now - delay] = R.tobytes() if R.__class__ is np.ndarray else FLOAT.type(R).tobytes()
             pack_into(cells, i * width, *[weight * value for value in values])
-            ring.irregular = now
-        if delay:
-            ring.irregular = now
-        if ring.raw is not None:
-            pack_into(ring.raw, i * width, *values)
+        raw: Any = ring.raw
+        if raw is not None:
+            pack_into(raw, i * width, *values)
         weights[i], arrivals[i], ring.newest_age = weight, now, delay
-        return True
+        if delay or weight != 1.0:
+            ring.irregular = now
+            return LAID
+        return REGULAR if now - ring.irregular >= horizon else LAID
 
     return lay
 
 
 def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
     """The components of a finite z in one of filterpy's forms, None for anything else."""
-    unpack = Struct(f"{m}d").unpack
+    unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m}d").unpack
 
     def numbers(z: Any) -> tuple[float, ...] | None:
         if z.__class__ is not np.ndarray:
@@ -141,7 +142,7 @@ def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
 def _weighing(R: Array) -> Callable[[Any], float | None]:
     """w where R_row = R / w; None for whatever is not plainly so, or far from 1."""
     m, base = len(R), R.ravel().tolist()
-    unpack = Struct(f"{m * m}d").unpack
+    unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m * m}d").unpack
     first, zeros = base[0], m * m - m
     isotropic = base[:: m + 1].count(first) == m and base.count(0.0) == zeros
 
@@ -172,49 +173,66 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], tuple[Array, bytes] | 
     m, horizon = ring.free.shape[1], ring.limits.horizon
     least = min(horizon, ring.limits.instants)
     flat = ring.free.reshape(-1)
-    spread, span, solve = -1, 0, _unsolved
+    spread, span = -1, 0
     views: list[tuple[Array, Array] | None] = []
+    memory = ring.plan.memory(horizon, least)
+    solve: Callable[[Array, Array], Array | None] = _unsolved
+    enough = -1  # step up to which the window cannot have fewer than the least rows
+    misses = 0 if memory.worthwhile else PATIENCE
+
+    def resize(wanted: int) -> None:
+        nonlocal span, views, memory, solve, misses
+        if wanted != span:
+            span, views = wanted, [None] * (ring.capacity + 1)
+            memory, solve = ring.plan.memory(wanted, least), ring.plan.basis(wanted).solver(column)
+            misses = 0 if memory.worthwhile else PATIENCE
 
     def view(end: int) -> tuple[Array, Array]:
         z = flat[(end - span) * m : end * m]
-        return ring.weights[end - span : end], z.reshape(-1, 1) if column else z
+        views[end] = found = ring.weights[end - span : end], z.reshape(-1, 1) if column else z
+        return found
 
-    def resize(wanted: int) -> None:
-        nonlocal span, solve, views
-        if wanted != span:
-            span, solve = wanted, ring.plan.basis(wanted).solver(column)
-            views = [None] * (ring.capacity + 1)
-
-    def grown() -> tuple[Array, bytes] | None:
-        end, length = ring.end, ring.length
-        gain = ring.plan.gain(length)
+    def grown(length: int) -> tuple[Array, bytes] | None:
+        gain, end = ring.plan.gain(length), ring.end
         z = flat[(end - length) * m : end * m]
         x = None if gain is None else gain.dot(z.reshape(-1, 1) if column else z)
         return None if x is None else (x, ring.weights[end - length : end].tobytes())
 
-    def reached() -> tuple[Array, bytes] | None:
+    def few(weights: Array, free: Array) -> tuple[Array, bytes] | None:
+        if ring.now - ring.length < (ring.begin or 0):
+            x = solve(weights, free)
+            return None if x is None else (x, weights.tobytes())
         found = None if ring.spread else ring.reached()
-        if found is None:
-            return None
-        x, key, _ = found
-        return (x.reshape(-1, 1) if column else x), key
+        return None if found is None else (found[0].reshape(-1, 1) if column else found[0], found[1])
 
     def estimate() -> tuple[Array, bytes] | None:
-        nonlocal spread
+        nonlocal spread, enough, misses
         end = ring.end
         if span < horizon or ring.spread != spread:
-            length, spread = ring.length, ring.spread
+            length, spread, enough = ring.length, ring.spread, -1
             if length <= GROWING_GAINS and ring.plain:
-                return grown()
+                return grown(length)
             resize(ring.span(length))
-        found = views[end]
-        if found is None:
-            found = views[end] = view(end)
-        weights, free = found
-        if np.count_nonzero(weights) < least and ring.now - ring.length >= (ring.begin or 0):
-            return reached()
+        weights, free = views[end] or view(end)
+        key = weights.tobytes()
+        recurring = misses < PATIENCE and not ring.noise
+        if recurring:
+            gain = memory.known.get(key)
+            if gain is not None:
+                misses = 0
+                return gain(free), key
+        if ring.base + end > enough:
+            spare = int(np.count_nonzero(weights)) - least
+            if spare < 0:
+                return few(weights, free)
+            enough = ring.base + end + spare // (spread + 1)  # no more leave in a step
         x = solve(weights, free)
-        return None if x is None else (x, weights.tobytes())
+        if x is None:
+            return None
+        if recurring:
+            misses += 1
+            memory.note(key)
+        return x, key
 
     return estimate
 

@@ -18,7 +18,7 @@ from ..engines.covariance import Covariance
 from ..engines.lean import intake, reading
 from ..engines.records import Solution
 from ..engines.ring import Ring
-from ..engines.uneven import Uneven, uneven
+from ..engines.uneven import REGULAR, Uneven, uneven
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
 from ._window_state import MISSING, WINDOWS, WindowState, checked_horizon
@@ -99,7 +99,7 @@ class UFIRState(WindowState):
         if self.put is None or self.readers is None:
             self.put = intake(ring)
             self.readers = reading(ring, gain, column=False), reading(ring, gain, column=True)
-        self.read, self.plain_from = self.readers[self.form == 2], ring.now
+        self.read, self.plain_from, self.hot_x = self.readers[self.form == 2], ring.now, None
 
     def _hands(self) -> Uneven:
         if self.uneven is None:
@@ -117,17 +117,17 @@ class UFIRState(WindowState):
             return opens and R is None and not delay and self._miss(updates=True)
         if self.read is not None and self.put is not None and opens and R is None and not delay:
             return self.put(z)
-        point = self._stand()
-        if point is None or not self._hands().lay(z, delay, R, opens):
+        point = self._stand() if self.hot_x is None else self.point
+        laid = point is not None and (self.uneven or self._hands()).lay(z, delay, R, opens)
+        if not laid:
             return False
         if opens:
             self.opened = point
         self.faced, self.came, self.hot_x, self.read = point, delay, None, None
         self.missed = self.silent = 0
         self.seen = -1
-        ring = self._hot_ring()
-        if R is None and ring.base + ring.end - ring.irregular > ring.limits.horizon:
-            self._read_plainly(ring)
+        if laid == REGULAR:
+            self._read_plainly(self._hot_ring())
         return True
 
     def coast(self) -> bool:
@@ -139,9 +139,9 @@ class UFIRState(WindowState):
         point = self._stand() if self.missed < ring.limits.horizon else None
         if point is None:
             return False
-        self.hot_x = self.F.value.dot(self.hot_x)
+        self.hot_x = self.F.value.dot(point[0] if self.hot_x is None else self.hot_x)
         self.read = None
-        self._hands().skip()
+        self._hands().step(True)
         self.missed += 1
         if updates:
             self.opened = self.faced = point
@@ -155,7 +155,6 @@ class UFIRState(WindowState):
         if self.read is not None:
             ring, x = self._hot_ring(), self.read()
             horizon = ring.limits.horizon
-            self.hot_x = x
             self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(horizon), horizon), ring.now, 0)
         elif self.hot_x is None:
             ring, found = self._hot_ring(), self._hands().estimate()
@@ -176,7 +175,9 @@ class UFIRState(WindowState):
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            x = self.posted_x()
+            x = self.hot_x
+            if x is None:
+                x = self.posted_x()
             if x is not None:
                 if self.mode == PREDICTED:
                     x = self.F.value.dot(x)
