@@ -14,17 +14,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from .records import Solution
 from .ring import GROWING_GAINS, Ring
 from .slots import NEVER, ORDINARY
 
-__all__ = ["Uneven", "uneven"]
+__all__ = ["REGULAR", "Point", "Uneven", "uneven"]
 
 FLOAT = np.dtype(float)
 SIZE = FLOAT.itemsize
 # What became of a row: nothing was done; it has its slot; and so has every one of the last horizon.
 REFUSED, LAID, REGULAR = 0, 1, 2
+# Weight of a row with the model's R.
+PLAIN: tuple[float, bytes | None] = (1.0, None)
 # Estimates in a row whose patterns of weights were new, after which nobody looks for old ones any more.
 PATIENCE = 2000
+
+
+Point = tuple[Array, bytes | Solution, int, int]
+"""An estimate: x, (dim_x, 1) or (dim_x,); the pattern of its weights, or all that is known of it; its step; the
+age of its newest row."""
 
 
 class Uneven(NamedTuple):
@@ -32,14 +40,13 @@ class Uneven(NamedTuple):
 
     `step(True)` goes on by a slot that stays empty; `lay(z, delay, R, opens)` puts a row into the slot of its
     origin, in a new step where it `opens` one: REFUSED, with nothing done, for whatever is not plainly such a
-    row or has no slot. `estimate()` gives x, (dim_x, 1) or (dim_x,), and the pattern of the weights it was
-    made with, None where that takes the slow path.
+    row or has no slot. `estimate()` gives the newest point, None where that takes the slow path.
     """
 
     column: bool
     step: Callable[[bool], None]
     lay: Callable[[Any, int, Any, bool], int]
-    estimate: Callable[[], tuple[Array, bytes] | None]
+    estimate: Callable[[], Point | None]
 
 
 def uneven(ring: Ring, column: bool) -> Uneven:
@@ -85,11 +92,14 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
     cells: Any = ring.free.data.cast("B")
     weights: Any = ring.weights.data
     arrivals: Any = ring.arrivals.data
+    raw: Array | None = None
+    copies: Any = None  # cells of `raw`
 
     def lay(z: Any, delay: int, R: Any, opens: bool) -> int:
+        nonlocal raw, copies
         values = numbers(z)
-        weight = 1.0 if R is None else weigh(R)
-        if values is None or weight is None:
+        weighed = PLAIN if R is None else weigh(R)
+        if values is None or weighed is None:
             return REFUSED
         if delay or not opens:
             i = ring.end - delay - (not opens)
@@ -98,19 +108,24 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
                 return REFUSED
         if opens:
             step(delay > 0)
-        now = ring.base + ring.end - 1
-        i = ring.end - 1 - delay
-        if weight == 1.0:
+        i = ring.end - 1
+        now = ring.base + i
+        i -= delay
+        weight, noise = weighed
+        if noise is None:
             pack_into(cells, i * width, *values)
         else:
-            ring.keep_raw()
-            ring.noise[now - delay] = R.tobytes() if R.__class__ is np.ndarray else FLOAT.type(R).tobytes()
+            if ring.raw is None:
+                ring.keep_raw()
+            ring.noise[now - delay] = noise
             pack_into(cells, i * width, *[weight * value for value in values])
-        raw: Any = ring.raw
+        if ring.raw is not raw:
+            raw = ring.raw
+            copies = None if raw is None else raw.data.cast("B")
         if raw is not None:
-            pack_into(raw, i * width, *values)
+            pack_into(copies, i * width, *values)
         weights[i], arrivals[i], ring.newest_age = weight, now, delay
-        if delay or weight != 1.0:
+        if delay or noise is not None:
             ring.irregular = now
             return LAID
         return REGULAR if now - ring.irregular >= horizon else LAID
@@ -128,7 +143,7 @@ def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
         if z.dtype is not FLOAT or z.ndim > 2:
             return None
         try:
-            values: tuple[float, ...] = unpack(z)
+            values = unpack(z)
         except StructError:  # another size
             return None
         except ValueError:  # not contiguous
@@ -139,37 +154,40 @@ def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
     return numbers
 
 
-def _weighing(R: Array) -> Callable[[Any], float | None]:
-    """w where R_row = R / w; None for whatever is not plainly so, or far from 1."""
-    m, base = len(R), R.ravel().tolist()
+def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
+    """w where R_row = R / w, and the bytes of R_row where it is another; None for whatever is not plainly so,
+    or far from 1.
+    """
+    m, shape, base = len(R), R.shape, R.ravel().tolist()
     unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m * m}d").unpack
-    first, zeros = base[0], m * m - m
-    isotropic = base[:: m + 1].count(first) == m and base.count(0.0) == zeros
+    first, gap = base[0], bytes(m * SIZE)
+    head, zeros = base[:1], [0.0] * m
+    isotropic = base == (head + zeros) * (m - 1) + head
 
-    def weigh(given: Any) -> float | None:
-        if given.__class__ is not np.ndarray:
-            values = (given,) if m == 1 and isinstance(given, float) else None
-        elif given.dtype is FLOAT and (given.shape == R.shape or (m == 1 and given.ndim < 3)):
-            try:
-                values = unpack(given)
-            except (StructError, ValueError):
-                return None
+    def weigh(given: Any) -> tuple[float, bytes | None] | None:
+        if given.__class__ is np.ndarray and given.dtype is FLOAT and given.shape == shape:
+            noise = given.tobytes()
+        elif m == 1 and isinstance(given, float):
+            noise = FLOAT.type(given).tobytes()
         else:
             return None
-        if values is None or not values[0] > 0.0:
+        corner = noise[:SIZE]
+        values = unpack(noise)
+        if not values[0] > 0.0:
             return None
         weight = first / values[0]
-        if not (isotropic and values[:: m + 1].count(values[0]) == m and values.count(0.0) == zeros):
+        if not (isotropic and (corner + gap) * (m - 1) + corner == noise):
             for ours, theirs in zip(base, values, strict=True):
-                gap = ours - weight * theirs
-                if not abs(gap) <= 1e-15 * abs(ours):
+                if not abs(ours - weight * theirs) <= 1e-15 * abs(ours):
                     return None
-        return weight if 1.0 / ORDINARY < weight < ORDINARY else None
+        if weight == 1.0:
+            return PLAIN
+        return (weight, noise) if 1.0 / ORDINARY < weight < ORDINARY else None
 
     return weigh
 
 
-def _estimating(ring: Ring, column: bool) -> Callable[[], tuple[Array, bytes] | None]:
+def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
     m, horizon = ring.free.shape[1], ring.limits.horizon
     least = min(horizon, ring.limits.instants)
     flat = ring.free.reshape(-1)
@@ -192,20 +210,23 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], tuple[Array, bytes] | 
         views[end] = found = ring.weights[end - span : end], z.reshape(-1, 1) if column else z
         return found
 
-    def grown(length: int) -> tuple[Array, bytes] | None:
+    def point(x: Array, weights: bytes) -> Point:
+        return x, weights, ring.now, ring.newest_age
+
+    def grown(length: int) -> Point | None:
         gain, end = ring.plan.gain(length), ring.end
         z = flat[(end - length) * m : end * m]
         x = None if gain is None else gain.dot(z.reshape(-1, 1) if column else z)
-        return None if x is None else (x, ring.weights[end - length : end].tobytes())
+        return None if x is None else point(x, ring.weights[end - length : end].tobytes())
 
-    def few(weights: Array, free: Array) -> tuple[Array, bytes] | None:
+    def few(weights: Array, free: Array) -> Point | None:
         if ring.now - ring.length < (ring.begin or 0):
             x = solve(weights, free)
-            return None if x is None else (x, weights.tobytes())
+            return None if x is None else point(x, weights.tobytes())
         found = None if ring.spread else ring.reached()
-        return None if found is None else (found[0].reshape(-1, 1) if column else found[0], found[1])
+        return None if found is None else point(found[0].reshape(-1, 1) if column else found[0], found[1])
 
-    def estimate() -> tuple[Array, bytes] | None:
+    def estimate() -> Point | None:
         nonlocal spread, enough, misses
         end = ring.end
         if span < horizon or ring.spread != spread:
@@ -220,7 +241,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], tuple[Array, bytes] | 
             gain = memory.known.get(key)
             if gain is not None:
                 misses = 0
-                return gain(free), key
+                return gain(free), key, ring.base + end - 1, ring.newest_age
         if ring.base + end > enough:
             spare = int(np.count_nonzero(weights)) - least
             if spare < 0:
@@ -232,7 +253,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], tuple[Array, bytes] | 
         if recurring:
             misses += 1
             memory.note(key)
-        return x, key
+        return x, key, ring.base + end - 1, ring.newest_age
 
     return estimate
 

@@ -18,14 +18,10 @@ from ..engines.covariance import Covariance
 from ..engines.lean import intake, reading
 from ..engines.records import Solution
 from ..engines.ring import Ring
-from ..engines.uneven import REGULAR, Uneven, uneven
+from ..engines.uneven import REGULAR, Point, Uneven, uneven
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
 from ._window_state import MISSING, WINDOWS, WindowState, checked_horizon
-
-Point = tuple[Array, bytes | Solution, int, int]
-"""An estimate that was worked out: x in the client's form; the pattern of weights behind it, or all that is
-known of it; its step; the age of its newest row."""
 
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
 
@@ -157,11 +153,10 @@ class UFIRState(WindowState):
             horizon = ring.limits.horizon
             self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(horizon), horizon), ring.now, 0)
         elif self.hot_x is None:
-            ring, found = self._hot_ring(), self._hands().estimate()
-            if found is None:
+            point = (self.uneven or self._hands()).estimate()
+            if point is None:
                 return None
-            self.hot_x, pattern = found
-            self.point = (self.hot_x, pattern, ring.base + ring.end - 1, ring.newest_age)
+            self.point, self.hot_x = point, point[0]
         return self.point
 
     def posted_x(self) -> Array | None:
