@@ -95,11 +95,7 @@ class Memory:
         self.once: set[bytes] = set()
         size = FLOAT * (basis.back.shape[0] * basis.project.shape[1] + basis.length)
         self.room = MEMORY // (size + OVERHEAD)
-
-    @property
-    def worthwhile(self) -> bool:
-        """Whether there is room for more than a few."""
-        return bool(self.room >= FEW)
+        self.worthwhile = bool(basis.sound and self.room >= FEW)
 
     def note(self, weights: bytes) -> None:
         """A pattern was solved; the second time its gain is worked out."""

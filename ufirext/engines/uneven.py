@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from .lean import intake
 from .records import Solution
 from .ring import GROWING_GAINS, Ring
 from .slots import NEVER, ORDINARY
@@ -26,13 +27,13 @@ SIZE = FLOAT.itemsize
 REFUSED, LAID, REGULAR = 0, 1, 2
 # Weight of a row with the model's R.
 PLAIN: tuple[float, bytes | None] = (1.0, None)
-# Estimates in a row whose patterns of weights were new, after which nobody looks for old ones any more.
-PATIENCE = 2000
+# After so many estimates in a row whose patterns of weights were new, nobody looks for old ones for a while.
+PATIENCE, REST = 500, 4000
 
 
 Point = tuple[Array, bytes | Solution, int, int]
-"""An estimate: x, (dim_x, 1) or (dim_x,); the pattern of its weights, or all that is known of it; its step; the
-age of its newest row."""
+"""An estimate: x, (dim_x, 1) or (dim_x,); the pattern of its weights, or all that is known of it; its step;
+the age of its newest row."""
 
 
 class Uneven(NamedTuple):
@@ -87,7 +88,7 @@ def _opening(ring: Ring) -> Callable[[bool], None]:
 def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any, bool], int]:
     m, horizon = ring.free.shape[1], ring.limits.horizon
     width = m * SIZE
-    numbers, weigh = _numbers(m), _weighing(ring.plan.model.R)
+    put, numbers, weigh = intake(ring), _numbers(m), _weighing(ring.plan.model.R)
     pack_into = Struct(f"{m}d").pack_into
     cells: Any = ring.free.data.cast("B")
     weights: Any = ring.weights.data
@@ -97,6 +98,12 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
 
     def lay(z: Any, delay: int, R: Any, opens: bool) -> int:
         nonlocal raw, copies
+        if R is None and opens and not delay and ring.raw is None:
+            # Slots ahead are plain rows, and nothing leaves but with its slot.
+            if not put(z):
+                return REFUSED
+            ring.newest_age = 0
+            return REGULAR if ring.base + ring.end - 1 - ring.irregular >= horizon else LAID
         values = numbers(z)
         weighed = PLAIN if R is None else weigh(R)
         if values is None or weighed is None:
@@ -160,9 +167,9 @@ def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
     """
     m, shape, base = len(R), R.shape, R.ravel().tolist()
     unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m * m}d").unpack
+    unpack_one: Callable[[Any], tuple[float]] = Struct("d").unpack
     first, gap = base[0], bytes(m * SIZE)
-    head, zeros = base[:1], [0.0] * m
-    isotropic = base == (head + zeros) * (m - 1) + head
+    isotropic = base == [first if i % (m + 1) == 0 else 0.0 for i in range(m * m)]
 
     def weigh(given: Any) -> tuple[float, bytes | None] | None:
         if given.__class__ is np.ndarray and given.dtype is FLOAT and given.shape == shape:
@@ -172,12 +179,12 @@ def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
         else:
             return None
         corner = noise[:SIZE]
-        values = unpack(noise)
-        if not values[0] > 0.0:
+        (variance,) = unpack_one(corner)
+        if not variance > 0.0:
             return None
-        weight = first / values[0]
+        weight = first / variance
         if not (isotropic and (corner + gap) * (m - 1) + corner == noise):
-            for ours, theirs in zip(base, values, strict=True):
+            for ours, theirs in zip(base, unpack(noise), strict=True):
                 if not abs(ours - weight * theirs) <= 1e-15 * abs(ours):
                     return None
         if weight == 1.0:
@@ -196,14 +203,13 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
     memory = ring.plan.memory(horizon, least)
     solve: Callable[[Array, Array], Array | None] = _unsolved
     enough = -1  # step up to which the window cannot have fewer than the least rows
-    misses = 0 if memory.worthwhile else PATIENCE
+    misses = resume = 0  # patterns in a row that were new; step at which to look for old ones again
 
     def resize(wanted: int) -> None:
-        nonlocal span, views, memory, solve, misses
+        nonlocal span, views, memory, solve
         if wanted != span:
             span, views = wanted, [None] * (ring.capacity + 1)
             memory, solve = ring.plan.memory(wanted, least), ring.plan.basis(wanted).solver(column)
-            misses = 0 if memory.worthwhile else PATIENCE
 
     def view(end: int) -> tuple[Array, Array]:
         z = flat[(end - span) * m : end * m]
@@ -227,7 +233,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
         return None if found is None else point(found[0].reshape(-1, 1) if column else found[0], found[1])
 
     def estimate() -> Point | None:
-        nonlocal spread, enough, misses
+        nonlocal spread, enough, misses, resume
         end = ring.end
         if span < horizon or ring.spread != spread:
             length, spread, enough = ring.length, ring.spread, -1
@@ -235,25 +241,27 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
                 return grown(length)
             resize(ring.span(length))
         weights, free = views[end] or view(end)
-        key = weights.tobytes()
-        recurring = misses < PATIENCE and not ring.noise
-        if recurring:
+        key, now = weights.tobytes(), ring.base + end - 1
+        looking = now >= resume and memory.worthwhile and not ring.noise
+        if looking:
             gain = memory.known.get(key)
             if gain is not None:
                 misses = 0
-                return gain(free), key, ring.base + end - 1, ring.newest_age
-        if ring.base + end > enough:
+                return gain(free), key, now, ring.newest_age
+        if now > enough:
             spare = int(np.count_nonzero(weights)) - least
             if spare < 0:
                 return few(weights, free)
-            enough = ring.base + end + spare // (spread + 1)  # no more leave in a step
+            enough = now + spare // (spread + 1)  # no more leave in a step
         x = solve(weights, free)
         if x is None:
             return None
-        if recurring:
-            misses += 1
+        if looking:
             memory.note(key)
-        return x, key, ring.base + end - 1, ring.newest_age
+            misses += 1
+            if misses > PATIENCE:
+                misses, resume = 0, now + REST
+        return x, key, now, ring.newest_age
 
     return estimate
 

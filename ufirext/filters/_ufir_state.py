@@ -152,27 +152,27 @@ class UFIRState(WindowState):
             ring, x = self._hot_ring(), self.read()
             horizon = ring.limits.horizon
             self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(horizon), horizon), ring.now, 0)
-        elif self.hot_x is None:
-            point = (self.uneven or self._hands()).estimate()
-            if point is None:
-                return None
-            self.point, self.hot_x = point, point[0]
+        elif self.hot_x is None and self._due() is None:
+            return None
         return self.point
+
+    def _due(self) -> Array | None:
+        """The estimate where it has been put off."""
+        point = (self.uneven or self._hands()).estimate()
+        if point is not None:
+            self.point, self.hot_x = point, point[0]
+        return self.hot_x
 
     def posted_x(self) -> Array | None:
         """x after the last hot update, in the client's form; None where it takes the slow path."""
         if self.read is not None:
             return self.read()
-        if self.hot_x is None:
-            self._stand()
-        return self.hot_x
+        return self._due() if self.hot_x is None else self.hot_x
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            x = self.hot_x
-            if x is None:
-                x = self.posted_x()
+            x = self.hot_x if self.hot_x is not None else self.posted_x()
             if x is not None:
                 if self.mode == PREDICTED:
                     x = self.F.value.dot(x)
