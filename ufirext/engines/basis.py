@@ -68,17 +68,18 @@ class Basis:
         factorise: Any = cholesky_solver()
         project, back = self.project.dot, self.back.dot
         gram, *inner = (factor.dot for factor in self.grams)
-        flat = np.zeros(r * r)
-        matrix, pivots = flat.reshape(r, r).T, flat[:: r + 1]  # symmetric: LAPACK's order costs nothing
+        # Lam, overwritten by its factor, and eta, overwritten by the solution, where LAPACK wants them to be.
+        flat, eta = np.zeros(r * r), np.zeros((r, 1) if columns else r)
+        matrix, pivots, right = flat.reshape(r, r).T, flat[:: r + 1], eta.reshape(r, 1)
 
         def solve(weights: Array, free: Array) -> Array | None:
             for factor in inner:
                 weights = factor(weights)
             gram(weights, flat)
-            _, solution, info = factorise(matrix, project(free), 0, 1, 1)
-            if info or min(pivots.tolist()) < WEAK_PIVOT:
+            project(free, eta)
+            if factorise(matrix, right, 0, 1, 1)[2] or min(pivots.tolist()) < WEAK_PIVOT:
                 return None
-            x: Array = back(solution if columns else solution.reshape(-1))
+            x: Array = back(eta)
             return x
 
         return solve

@@ -6,7 +6,7 @@ do to a ring is what `advance` and `add` do.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from typing import Any, NamedTuple
@@ -89,7 +89,7 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
     m, horizon = ring.free.shape[1], ring.limits.horizon
     width = m * SIZE
     put, numbers, weigh = intake(ring), _numbers(m), _weighing(ring.plan.model.R)
-    pack_into = Struct(f"{m}d").pack_into
+    scaled, pack_into = _SCALED.get(m, _scaled), Struct(f"{m}d").pack_into
     cells: Any = ring.free.data.cast("B")
     weights: Any = ring.weights.data
     arrivals: Any = ring.arrivals.data
@@ -125,7 +125,7 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
             if ring.raw is None:
                 ring.keep_raw()
             ring.noise[now - delay] = noise
-            pack_into(cells, i * width, *[weight * value for value in values])
+            pack_into(cells, i * width, *scaled(weight, values))
         if ring.raw is not raw:
             raw = ring.raw
             copies = None if raw is None else raw.data.cast("B")
@@ -159,6 +159,18 @@ def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
         return values if total - total == 0.0 else None
 
     return numbers
+
+
+def _scaled(w: float, values: tuple[float, ...]) -> Iterable[float]:
+    return [w * value for value in values]
+
+
+# A list costs more than a few products.
+_SCALED: dict[int, Callable[[float, Any], Iterable[float]]] = {
+    1: lambda w, z: (w * z[0],),
+    2: lambda w, z: (w * z[0], w * z[1]),
+    3: lambda w, z: (w * z[0], w * z[1], w * z[2]),
+}
 
 
 def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
