@@ -210,7 +210,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
     m, horizon = ring.free.shape[1], ring.limits.horizon
     least = min(horizon, ring.limits.instants)
     flat = ring.free.reshape(-1)
-    spread, span = -1, 0
+    spread, span, full = -1, 0, -1
     views: list[tuple[Array, Array] | None] = []
     memory = ring.plan.memory(horizon, least)
     solve: Callable[[Array, Array], Array | None] = _unsolved
@@ -245,10 +245,10 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
         return None if found is None else point(found[0].reshape(-1, 1) if column else found[0], found[1])
 
     def estimate() -> Point | None:
-        nonlocal spread, enough, misses, resume
+        nonlocal spread, full, enough, misses, resume
         end = ring.end
-        if span < horizon or ring.spread != spread:
-            length, spread, enough = ring.length, ring.spread, -1
+        if span != full or ring.spread != spread:
+            length, spread, full, enough = ring.length, ring.spread, horizon + ring.overhang, -1
             if length <= GROWING_GAINS and ring.plain:
                 return grown(length)
             resize(ring.span(length))

@@ -40,7 +40,9 @@ class UFIRState(WindowState):
         self.uneven: Uneven | None = None  # the ring as it is used where there is none
         self.point: Point | None = None  # then: the last estimate
         self.hot_x: Array | None = None  # x after the last step, None while it is due
-        self.opened: Point | None = None  # what the last update()'s step started from
+        self.opened: Point | None = (
+            None  # what the last update()'s step started from, None where `prior` tells
+        )
         self.faced: Point | None = None  # what its row met
         self.came: int | None = None  # the age of its row, None where nothing came
         self.missed = 0  # hot steps without a measurement, in a row
@@ -83,7 +85,7 @@ class UFIRState(WindowState):
             if self.uneven is not None and self.uneven.column != (self.form == 2):
                 self.uneven = None
             self.hot_x = self.shaped(self.x)
-            self.opened = self.faced = self.point = (self.hot_x, solution, ring.now, 0)
+            self.point, self.opened = (self.hot_x, solution, ring.now, 0), None
             self._read_plainly(ring)
 
     def _read_plainly(self, ring: Ring) -> None:
@@ -136,7 +138,9 @@ class UFIRState(WindowState):
         if point is None:
             return False
         self.hot_x = self.F.value.dot(point[0] if self.hot_x is None else self.hot_x)
-        self.read = None
+        if self.read is not None:
+            self._face_plainly(ring)
+            self.read = None
         self._hands().step(True)
         self.missed += 1
         if updates:
@@ -145,6 +149,13 @@ class UFIRState(WindowState):
         else:
             self.silent += 1
         return True
+
+    def _face_plainly(self, ring: Ring) -> None:
+        """What the last row met, where it was a plain one of many."""
+        self.came = 0
+        if ring.now > self.plain_from:
+            earlier = ring.solve_at(ring.now - 1)
+            self.opened = self.faced = (earlier.x, earlier, ring.now - 1, 0)
 
     def _stand(self) -> Point | None:
         """The estimate as it stands, which the next row meets; None where it takes the slow path."""
@@ -204,15 +215,13 @@ class UFIRState(WindowState):
 
     def _catch_up(self, ring: Ring, now: int) -> None:
         """The last update(), as the slow path would have published it."""
-        opened, faced, came = self.opened, self.faced, self.came
         if self.read is not None:
-            came = 0
-            if now > self.plain_from:
-                earlier = ring.solve_at(now - 1)
-                opened = faced = (earlier.x, earlier, now - 1, 0)
-        if opened is None or faced is None or self.point is None:
-            raise RuntimeError("a hot step starts from an estimate")
-        self.prior = self._carried(opened, now)
+            self._face_plainly(ring)
+        opened, faced, came = self.opened, self.faced, self.came
+        if faced is None or self.point is None:
+            raise RuntimeError("a hot row meets an estimate")
+        if opened is not None:
+            self.prior = self._carried(opened, now)
         before = self.prior if faced is opened else self._carried(faced, now)
         self.now, (self.x, self.P) = now, before
         z, R, handed = None, self.R.value, self._x_handed
