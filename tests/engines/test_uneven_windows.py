@@ -15,6 +15,7 @@ from ufirext import Model, UFIRFilter, kinematic, ufir_gain
 from ufirext.engines import basis as basis_module
 from ufirext.engines.basis import Basis, Memory
 from ufirext.engines.plan import Plan
+from ufirext.engines.ring import Ring
 from ufirext.filters._state import SLOW
 
 from .streams import fresh, reference
@@ -166,6 +167,28 @@ def test_once_the_network_is_quiet_a_late_past_is_forgotten(network):
         g.predict()
         g.update(7.0, delay=1)
     assert_same(f, records, PUBLISHED, 1e-6, -1)
+
+
+def test_a_row_that_is_late_just_when_a_late_past_is_forgotten():
+    model, rng = kinematic(1, 1, 1.0, q=0.1, r=4.0), np.random.default_rng(3)
+    f, records = fresh(model, 5), reference(model, 5)
+    late = moved = None
+    for step in range(1400):
+        z = None if late else float(step + rng.normal())
+        for g in (f, records):
+            g.predict()
+            if late:
+                g.update(late, delay=1)
+            elif z is not None and step not in (20, moved):
+                g.update(z)
+        late = z if step in (20, moved) else None
+        ring = f._state.engine
+        quiet = isinstance(ring, Ring) and step > 700 and moved is None
+        if quiet and ring.end == ring.capacity - 2:
+            moved = step + 1  # this one comes a step later, when the buffer is full
+        if step == 20 or (moved is not None and 0 <= step - moved < 12):
+            assert_same(f, records, ["x", "P", "rows"], 1e-7, step)
+    assert moved is not None
 
 
 @pytest.mark.parametrize("horizon", [9, 40])

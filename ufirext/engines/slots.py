@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class Slots:
     """Buffer of the last measurements, with the holes, delays and weights of its rows.
 
     `free` holds w (z - H x_u), what gains are applied to. `raw` (z itself) is kept only once something is
-    known about the state, a row came late, or one with a weight of its own.
+    known about the state or a row came late.
     """
 
     def __init__(self, plan: Plan, limits: Limits, now: int) -> None:
@@ -42,7 +43,9 @@ class Slots:
         self.irregular = now - 1  # newest step that broke the plain sequence
         self.spread = 0  # longest delay seen
         self.newest_age = 0  # of the row that came last
-        self.noise: dict[int, bytes] = {}  # R of the rows whose weight is not 1, by their origin
+        self.weighted: dict[
+            int, tuple[bytes, Sequence[float]]
+        ] = {}  # R and z of rows with a weight, by origin
         self.raw: Array | None = None
         self.inputs: Trajectory | None = None
 
@@ -71,13 +74,13 @@ class Slots:
             self.inputs.compact(shift, self.keep)
         self.base, self.end = self.base + shift, self.keep
         self._default()
-        self.noise = {step: R for step, R in self.noise.items() if step >= self.base}
+        self.weighted = {step: row for step, row in self.weighted.items() if step >= self.base}
         self._forget_late()
 
     def _forget_late(self) -> None:
         """Be a plain buffer again once all rows in reach came on time and with the model's weight."""
         raw, arrivals = self.raw, self.arrivals[: self.end]
-        if raw is None or self.inputs is not None or self.noise:
+        if raw is None or self.inputs is not None or self.weighted:
             return
         came = arrivals != NEVER
         if (arrivals != np.arange(self.base, self.base + self.end))[came].any():
@@ -116,16 +119,24 @@ class Slots:
         return self.inputs
 
     def keep_raw(self) -> None:
-        """From now on z itself is kept too; until now `free` is just that."""
+        """From now on z itself is kept too; until now `free` is just that, but for weights."""
         if self.raw is None:
             self.raw = self.free.copy()
+            for step, (_, z) in self.weighted.items():
+                self.raw[step - self.base] = z
+
+    def widen(self, late: int) -> None:
+        """Rows may be so late: they leave the working copy one by one, in the order they came."""
+        self.keep_raw()
+        self.spread = late
+        self._expire()
 
     def _rebase(self, inputs: Trajectory) -> None:
         """Start x_u anew at the oldest slot of the window; forget it once nothing in reach knew anything."""
         raw: Array = self.free if self.raw is None else self.raw
         if not inputs.known[self.end - self.keep : self.end].any():
             self.free[: self.end] = raw[: self.end] * self.weights[: self.end, None]
-            self.inputs, self.raw = None, raw if self.spread or self.noise else None
+            self.inputs, self.raw = None, raw if self.spread else None
             return
         low = self.end - self.limits.horizon - self.overhang
         inputs.rebase(low, self.end, self.plan.model.F)
@@ -165,34 +176,34 @@ class Slots:
             return False
         if self._taken(i) or (self.inputs is not None and row.origin < self.inputs.valid_from):
             return False
+        if late > self.spread:
+            self.widen(late)
         if late or weight != 1.0:
-            self.keep_raw()  # rows will leave the weighted copy one by one, in the order they came
             self.irregular = self.now
         if weight != 1.0:
-            self.noise[row.origin] = row.R.tobytes()
+            self.weighted[row.origin] = row.R.tobytes(), row.z.tolist()
         self.arrivals[i], self.weights[i], self.newest_age = row.arrival, weight, late
         if self.raw is not None:
             self.raw[i] = row.z
         self.free[i] = weight * self._unmoved(row.z, i)
-        if late > self.spread:
-            self.spread = late
-            self._expire()
         if self.begin is None or row.origin < self.begin:
             self.begin = row.origin
         return True
 
     def row(self, step: int) -> Row:
         """The row of a slot that has one, as it came."""
-        i, model, R = step - self.base, self.plan.model, self.noise.get(step)
-        z: Array = (self.free if self.raw is None else self.raw)[i].copy()
-        noise = model.R if R is None else np.frombuffer(R).reshape(model.R.shape)
-        return Row(step, int(self.arrivals[i]), model.H, noise, z)
+        i, model, own = step - self.base, self.plan.model, self.weighted.get(step)
+        if own is None:
+            z, R = (self.free if self.raw is None else self.raw)[i].copy(), model.R
+        else:
+            z, R = np.array(own[1]), np.frombuffer(own[0]).reshape(model.R.shape)
+        return Row(step, int(self.arrivals[i]), model.H, R, z)
 
     @property
     def ordinary(self) -> bool:
         """Whether no row in the window outweighs any that is as good as the model's."""
         window = self.weights[self.end - self.limits.horizon - self.overhang : self.end]
-        return not self.noise or float(window.max()) <= ORDINARY
+        return not self.weighted or float(window.max()) <= ORDINARY
 
     def relative_weight(self, row: Row) -> float | None:
         """w where R_row = R / w; None where R is no multiple of the model's, or H another."""

@@ -115,6 +115,8 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
                 return REFUSED
         if opens:
             step(delay > 0)
+        if delay > ring.spread:  # the buffer has just moved and forgotten a late past
+            ring.widen(delay)
         i = ring.end - 1
         now = ring.base + i
         i -= delay
@@ -122,14 +124,12 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
         if noise is None:
             pack_into(cells, i * width, *values)
         else:
-            if ring.raw is None:
-                ring.keep_raw()
-            ring.noise[now - delay] = noise
+            ring.weighted[now - delay] = noise, values
             pack_into(cells, i * width, *scaled(weight, values))
         if ring.raw is not raw:
             raw = ring.raw
             copies = None if raw is None else raw.data.cast("B")
-        if raw is not None:
+        if copies is not None:
             pack_into(copies, i * width, *values)
         weights[i], arrivals[i], ring.newest_age = weight, now, delay
         if delay or noise is not None:
@@ -254,7 +254,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
             resize(ring.span(length))
         weights, free = views[end] or view(end)
         key, now = weights.tobytes(), ring.base + end - 1
-        looking = now >= resume and memory.worthwhile and not ring.noise
+        looking = now >= resume and memory.worthwhile and not ring.weighted
         if looking:
             gain = memory.known.get(key)
             if gain is not None:

@@ -183,7 +183,9 @@ class UFIRState(WindowState):
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            x = self.hot_x if self.hot_x is not None else self.posted_x()
+            x = self.hot_x
+            if x is None:
+                x = self._due() if self.read is None else self.read()
             if x is not None:
                 if self.mode == PREDICTED:
                     x = self.F.value.dot(x)
@@ -230,7 +232,7 @@ class UFIRState(WindowState):
             self.solution, self.ready_at = self._solved(self.point), self.point[2]
         else:
             row = ring.row(now - came)
-            z, R = row.z, row.R if now - came in ring.noise else R
+            z, R = row.z, row.R if now - came in ring.weighted else R
             found = None if self.read is not None else self._stand()
             self.ready_at = faced[2]
             gain = self._concluded(self._solved(found) if found else ring.solve(), z, row.H, R, came)
