@@ -202,7 +202,7 @@ def test_losses_that_recur_give_what_they_gave_the_first_time(horizon):
             g.predict()
             g.update(z)
         np.testing.assert_allclose(f.x, records.x, rtol=1e-8)
-    assert f._state.ring.plan.memory(horizon, f._state.limits.instants).known
+    assert bool(f._state.ring.memory(horizon).known) == (horizon < 10)
 
 
 ODD = Model(
@@ -241,15 +241,33 @@ def test_normal_equations_refuse_windows_with_too_few_rows():
     assert basis.solver()(np.zeros(60), weights) is None
 
 
-def test_a_memory_stays_within_its_room(monkeypatch):
-    monkeypatch.setattr(basis_module, "MEMORY", 100_000)
-    basis = Basis(kinematic(1, 1, 1.0), 12)
-    memory, rng = Memory(basis), np.random.default_rng(0)
-    assert memory.worthwhile
-    for _ in range(5 * memory.room):
-        key = (rng.random(12) < 0.8).astype(float).tobytes()
-        memory.note(key)
-        memory.note(key)
-        assert len(memory.known) <= memory.room
-        assert len(memory.once) <= memory.room
-    assert memory.known
+@pytest.mark.parametrize(("length", "spread"), [(6, 0), (40, 2)])
+def test_a_memory_stays_within_its_room_and_gives_equal_bits_again(monkeypatch, length, spread):
+    monkeypatch.setattr(basis_module, "MEMORY", 64 * (8 * 3 * length + 400))
+    basis, rng = Basis(kinematic(1, 1, 1.0), length), np.random.default_rng(0)
+    memory = Memory(basis, 2, spread)
+    monkeypatch.setattr(memory, "room", 5)
+    assert memory.recalls
+    z, first = rng.normal(size=length), {}
+    for _ in range(300):
+        weights = np.ones(length)
+        where = np.r_[0:spread, length - spread : length] if spread else np.arange(length)
+        weights[where] = rng.random(len(where)) < 0.8
+        product = memory.recall(weights.tobytes())
+        assert len(memory.known) <= 5
+        if product is not None:
+            x = product(weights * z)
+            np.testing.assert_allclose(x, basis.solver()(weights, weights * z), rtol=1e-9)
+            np.testing.assert_array_equal(x, first.setdefault(weights.tobytes(), x))
+    assert len(first) > 5
+
+
+def test_a_memory_keeps_only_what_recurs():
+    basis = Basis(kinematic(1, 1, 1.0), 40)
+    weights = np.ones(40)
+    weights[[1, -2]] = 0.0
+    assert not Memory(basis, 2, 0).recalls  # random losses in a long window never do
+    memory = Memory(basis, 2, 2)
+    assert memory.recall(weights.tobytes()) is not None
+    weights[20] = 0.0
+    assert memory.recall(weights.tobytes()) is None

@@ -20,8 +20,6 @@ WEAK_PIVOT = 1e-3
 LARGE = 4096
 # Bytes of gains that a memory holds; of a number; of what a gain takes besides its numbers.
 MEMORY, FLOAT, OVERHEAD = 2**21, 8, 400
-# With room for fewer gains than this, remembering them does not pay.
-FEW = 64
 # Modes below this fraction of the largest are rounding.
 ROUNDING = 1e-15
 
@@ -48,11 +46,16 @@ class Basis:
         self.blocks = blocks
         self.sound = window.determined() and r > 0
 
-    def gain(self, weights: Array) -> Array:
-        """x = gain @ (weighted measurements), of rows that a solver finds sufficient."""
+    def gain(self, weights: Array) -> Array | None:
+        """x = gain @ (weighted measurements); None where a solver finds too few rows."""
+        if not self.sound:
+            return None
         for factor in self.grams[::-1]:
             weights = factor.dot(weights)
-        _, solution, _ = cholesky_solver()(weights.reshape(self.rank, self.rank), self.project)
+        matrix = weights.reshape(self.rank, self.rank)
+        factor, solution, info = cholesky_solver()(matrix, self.project)
+        if info or factor.diagonal().min() < WEAK_PIVOT:
+            return None
         return np.ascontiguousarray(self.back @ solution)
 
     def solver(self, columns: bool = False) -> Callable[[Array, Array], Array | None]:
@@ -86,29 +89,37 @@ class Basis:
 
 
 class Memory:
-    """Gains of patterns of weights that came up again: those of sensors that take turns or of steady delays
-    recur for ever, those of random losses in a long window never do.
+    """Gains of patterns of weights that come up again and again.
+
+    Which these are is a matter of the pattern alone, so that equal windows give equal bits: all patterns of
+    a short window, and those of a network that delays but loses nothing, where every slot has its row but the
+    newest and oldest `spread` ones. `least`: patterns with fewer rows are left out.
     """
 
-    def __init__(self, basis: Basis) -> None:
-        self.basis = basis
+    def __init__(self, basis: Basis, least: int, spread: int) -> None:
+        self.basis, self.least = basis, least
+        length = basis.length
+        room = MEMORY // (FLOAT * (basis.back.shape[0] * basis.project.shape[1] + length) + OVERHEAD)
+        self.room = room
+        self.short = length < room.bit_length()
+        self.inner = slice(FLOAT * spread, FLOAT * (length - spread))
+        self.full = np.ones(max(length - 2 * spread, 0)).tobytes()
+        late = 0 < 2 * spread < min(length, room.bit_length())
+        self.recalls = basis.sound and (self.short or late)
         self.known: dict[bytes, Callable[[Array], Array]] = {}
-        self.once: set[bytes] = set()
-        size = FLOAT * (basis.back.shape[0] * basis.project.shape[1] + basis.length)
-        self.room = MEMORY // (size + OVERHEAD)
-        self.worthwhile = bool(basis.sound and self.room >= FEW)
 
-    def note(self, weights: bytes) -> None:
-        """A pattern was solved; the second time its gain is worked out."""
-        if weights not in self.once:
-            if len(self.once) >= self.room:
-                self.once.clear()
-            self.once.add(weights)
-            return
-        if len(self.known) >= self.room:
-            self.known.clear()
-        self.once.discard(weights)
-        self.known[weights] = self.basis.gain(np.frombuffer(weights)).dot
+    def recall(self, weights: bytes) -> Callable[[Array], Array] | None:
+        """x as a function of the weighted measurements, None for a pattern that is not to be remembered."""
+        product = self.known.get(weights)
+        if product is None and self.recalls and (self.short or weights[self.inner] == self.full):
+            present = np.frombuffer(weights)
+            gain = self.basis.gain(present) if np.count_nonzero(present) >= self.least else None
+            if gain is None:
+                return None
+            if len(self.known) >= self.room:
+                self.known.clear()
+            product = self.known[weights] = gain.dot
+        return product
 
 
 def _nothing(weights: Array, free: Array) -> Array | None:

@@ -30,7 +30,7 @@ class Plan:
         self._gains: dict[int, Gain | None] = {}
         self._lasting: dict[int, tuple[Covariance, Covariance, Covariance]] = {}
         self._bases: dict[int, Basis] = {}
-        self._memories: dict[tuple[int, int], Memory] = {}
+        self._memories: dict[tuple[int, int, int], Memory] = {}
         self._patterns: dict[bytes, Pattern] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -66,11 +66,12 @@ class Plan:
             self._bases[length] = Basis(self.model, length)
         return self._bases[length]
 
-    def memory(self, length: int, least: int) -> Memory:
-        """Gains of windows of `length` steps with holes, for those who want at least so many rows."""
-        if (length, least) not in self._memories:
-            self._memories[length, least] = Memory(self.basis(length))
-        return self._memories[length, least]
+    def memory(self, length: int, least: int, spread: int) -> Memory:
+        """Gains of windows of `length` steps with holes, `least` rows or more, and delays up to `spread`."""
+        key = (length, least, spread)
+        if key not in self._memories:
+            self._memories[key] = Memory(self.basis(length), least, spread)
+        return self._memories[key]
 
     def pattern(self, weights: bytes) -> Pattern:
         """Gain and covariance of a window with holes and weighted rows, remembered: patterns recur as they

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array
+from .basis import Memory
 from .covariance import Covariance
 from .records import Records, Solution, Step
 from .slots import NEVER, Slots
@@ -58,9 +59,14 @@ class Ring(Slots):
         horizon = self.limits.horizon
         return self.raw is None and self.length == horizon and self._is_plain(horizon)
 
+    @property
+    def least(self) -> int:
+        """Rows below which a window reaches further back."""
+        return min(self.limits.horizon, self.limits.instants)
+
     def few(self, weights: Array) -> bool:
         """Whether a window reaches further back, if there is anything."""
-        return int(np.count_nonzero(weights)) < min(self.limits.horizon, self.limits.instants)
+        return int(np.count_nonzero(weights)) < self.least
 
     def solve_at(self, step: int) -> Solution:
         """The estimate as it stood at an earlier step, whose window must have had one."""
@@ -95,8 +101,14 @@ class Ring(Slots):
 
     def _normal(self, span: int, weights: Array) -> Array | None:
         """x of the last `span` slots by normal equations; None where the rows are too few for them."""
-        x = self._in_basis(span, weights, self.free[self.end - span : self.end])
+        free = self.free[self.end - span : self.end]
+        recall = None if self.weighted else self.memory(span).recall(weights.tobytes())
+        x = self._in_basis(span, weights, free) if recall is None else recall(free.reshape(-1))
         return None if x is None else self._moved(x)
+
+    def memory(self, span: int) -> Memory:
+        """Gains of windows of `span` slots that recur."""
+        return self.plan.memory(span, self.least, self.spread)
 
     def _in_basis(self, span: int, weights: Array, free: Array) -> Array | None:
         """Normal equations in the basis of the full window of `span` steps."""
@@ -121,8 +133,7 @@ class Ring(Slots):
         """x from the fewest newest rows that suffice; the pattern of their weights and their number."""
         low = self.end - self.limits.reach
         present = (self.arrivals[low : self.end] != NEVER).nonzero()[0].tolist()
-        wanted = min(self.limits.horizon, self.limits.instants)
-        for count in range(min(wanted, len(present)), len(present) + 1):
+        for count in range(min(self.least, len(present)), len(present) + 1):
             oldest = low + present[-count] if count else self.end
             weights, free = self.weights[oldest : self.end], self.free[oldest : self.end]
             key, length = weights.tobytes(), self.end - oldest

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from .basis import Memory
 from .lean import intake
 from .records import Solution
 from .ring import GROWING_GAINS, Ring
@@ -27,8 +28,6 @@ SIZE = FLOAT.itemsize
 REFUSED, LAID, REGULAR = 0, 1, 2
 # Weight of a row with the model's R.
 PLAIN: tuple[float, bytes | None] = (1.0, None)
-# After so many estimates in a row whose patterns of weights were new, nobody looks for old ones for a while.
-PATIENCE, REST = 500, 4000
 
 
 Point = tuple[Array, bytes | Solution, int, int]
@@ -207,21 +206,20 @@ def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
 
 
 def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
-    m, horizon = ring.free.shape[1], ring.limits.horizon
-    least = min(horizon, ring.limits.instants)
+    m, horizon, least = ring.free.shape[1], ring.limits.horizon, ring.least
     flat = ring.free.reshape(-1)
     spread, span, full = -1, 0, -1
     views: list[tuple[Array, Array] | None] = []
-    memory = ring.plan.memory(horizon, least)
+    memory: Memory | None = None  # where patterns recur
     solve: Callable[[Array, Array], Array | None] = _unsolved
     enough = -1  # step up to which the window cannot have fewer than the least rows
-    misses = resume = 0  # patterns in a row that were new; step at which to look for old ones again
 
     def resize(wanted: int) -> None:
         nonlocal span, views, memory, solve
+        found = ring.memory(wanted)
+        memory = found if found.recalls else None
         if wanted != span:
-            span, views = wanted, [None] * (ring.capacity + 1)
-            memory, solve = ring.plan.memory(wanted, least), ring.plan.basis(wanted).solver(column)
+            span, views, solve = wanted, [None] * (ring.capacity + 1), ring.plan.basis(wanted).solver(column)
 
     def view(end: int) -> tuple[Array, Array]:
         z = flat[(end - span) * m : end * m]
@@ -245,7 +243,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
         return None if found is None else point(found[0].reshape(-1, 1) if column else found[0], found[1])
 
     def estimate() -> Point | None:
-        nonlocal spread, full, enough, misses, resume
+        nonlocal spread, full, enough
         end = ring.end
         if span != full or ring.spread != spread:
             length, spread, full, enough = ring.length, ring.spread, horizon + ring.overhang, -1
@@ -254,26 +252,17 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
             resize(ring.span(length))
         weights, free = views[end] or view(end)
         key, now = weights.tobytes(), ring.base + end - 1
-        looking = now >= resume and memory.worthwhile and not ring.weighted
-        if looking:
-            gain = memory.known.get(key)
-            if gain is not None:
-                misses = 0
-                return gain(free), key, now, ring.newest_age
+        if memory is not None and not ring.weighted:
+            product = memory.known.get(key) or memory.recall(key)
+            if product is not None:
+                return product(free), key, now, ring.newest_age
         if now > enough:
             spare = int(np.count_nonzero(weights)) - least
             if spare < 0:
                 return few(weights, free)
             enough = now + spare // (spread + 1)  # no more leave in a step
         x = solve(weights, free)
-        if x is None:
-            return None
-        if looking:
-            memory.note(key)
-            misses += 1
-            if misses > PATIENCE:
-                misses, resume = 0, now + REST
-        return x, key, now, ring.newest_age
+        return None if x is None else (x, key, now, ring.newest_age)
 
     return estimate
 
