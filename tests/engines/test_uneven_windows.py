@@ -169,6 +169,19 @@ def test_once_the_network_is_quiet_a_late_past_is_forgotten(network):
     assert_same(f, records, PUBLISHED, 1e-6, -1)
 
 
+def test_K_is_that_of_the_row_which_came_last_however_late():
+    """Also where the window reaches back, and other engines get the rows of a step all at once."""
+    model = kinematic(1, 1, 0.5, q=0.3, r=2.0)
+    for seed in range(12):
+        rng, f, records = np.random.default_rng(seed), fresh(model, 4), reference(model, 4)
+        for step, arrived in enumerate(packets(rng, 50, {"late": 0.4}, 1, model.R)):
+            for g in (f, records):
+                g.predict()
+                for z, R, delay in arrived:
+                    g.update(z, R, delay=delay)
+            np.testing.assert_allclose(f.K, records.K, rtol=1e-7, atol=1e-9, err_msg=f"{seed}, {step}")
+
+
 def test_a_row_that_is_late_just_when_a_late_past_is_forgotten():
     model, rng = kinematic(1, 1, 1.0, q=0.1, r=4.0), np.random.default_rng(3)
     f, records = fresh(model, 5), reference(model, 5)

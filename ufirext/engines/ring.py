@@ -175,7 +175,8 @@ class Ring(Slots):
             if self.arrivals[i] == NEVER:
                 continue
             records.rows.append(self.row(self.base + i))
-        records.rows.sort(key=lambda row: row.arrival)
+        # Of the rows of one step, the one that came last is what K is about.
+        records.rows.sort(key=lambda row: (row.arrival, row.arrival - row.origin == self.newest_age))
         records.after = None if self.inputs is None else self.inputs.after
         return records
 
