@@ -43,7 +43,6 @@ class Basis:
         self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
         grams = (blocks.transpose(0, 2, 1) @ blocks).reshape(length, -1).T
         self.grams = _factors(np.ascontiguousarray(grams))
-        self.blocks = blocks
         self.sound = window.determined() and r > 0
 
     def gain(self, weights: Array) -> Array | None:
