@@ -22,16 +22,6 @@ def cholesky_solver() -> Any:
     return dposv
 
 
-@cache
-def packed_cholesky() -> tuple[Any, Any]:
-    """dpptrf: factor, info of the packed upper triangle of a symmetric positive definite matrix; dpptrs:
-    solution, info.
-    """
-    from scipy.linalg.lapack import dpptrf, dpptrs
-
-    return dpptrf, dpptrs
-
-
 def is_positive_definite(array: Array) -> bool:
     """Whether a symmetric matrix has a Cholesky factor; by LAPACK itself once SciPy is there anyway."""
     lapack = sys.modules.get("scipy.linalg.lapack")

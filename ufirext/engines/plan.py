@@ -10,36 +10,12 @@ from .._arrays import Array, readonly
 from ..errors import UnobservableWindow
 from ..gains import Gain, exact_covariance, least_squares, observability_index, ufir_gain
 from ..model import Model
-from ..window import Window, model_window, whitener
+from ..window import Window, whitener
+from .basis import Basis, Memory
 from .covariance import Covariance
 
 # Patterns of holes remembered by a plan, bytes of their keys.
 PATTERN_BYTES = 500_000
-
-
-class Basis:
-    """An orthonormal basis of the full window of `length` steps, for windows with holes and weights.
-
-    With the whitened rows C = U S V' of the window, rows present with weights w_i give
-    x = back Lam^-1 sum_i w_i U_i' W z_i,  Lam = sum_i w_i U_i' U_i: close to the identity, so that normal
-    equations lose nothing where few rows are missing.
-    """
-
-    def __init__(self, model: Model, length: int) -> None:
-        window = model_window(model, length)
-        U, s, Vt = window.spectrum
-        r = window.rank
-        self.length, self.rank = length, r
-        blocks = U[:, :r].reshape(length, model.dim_z, r)
-        self.back = np.ascontiguousarray((window.T / window.scale) @ (Vt[:r].T / s[:r]))
-        # eta = project @ (raw measurements of the window), Lam = grams @ weights in LAPACK's packed storage
-        self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
-        columns, rows = np.tril_indices(r)  # the upper triangle, column by column
-        grams = blocks.transpose(0, 2, 1) @ blocks
-        self.grams = np.ascontiguousarray(grams[:, rows, columns].T)
-        self.pivots = np.flatnonzero(rows == columns)
-        self.blocks = blocks
-        self.sound = window.determined()
 
 
 class Plan:
@@ -54,6 +30,7 @@ class Plan:
         self._gains: dict[int, Gain | None] = {}
         self._lasting: dict[int, tuple[Covariance, Covariance, Covariance]] = {}
         self._bases: dict[int, Basis] = {}
+        self._memories: dict[tuple[int, int, int], Memory] = {}
         self._patterns: dict[bytes, Pattern] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -88,6 +65,13 @@ class Plan:
         if length not in self._bases:
             self._bases[length] = Basis(self.model, length)
         return self._bases[length]
+
+    def memory(self, length: int, least: int, spread: int) -> Memory:
+        """Gains of windows of `length` steps with holes, `least` rows or more, and delays up to `spread`."""
+        key = (length, least, spread)
+        if key not in self._memories:
+            self._memories[key] = Memory(self.basis(length), least, spread)
+        return self._memories[key]
 
     def pattern(self, weights: bytes) -> Pattern:
         """Gain and covariance of a window with holes and weighted rows, remembered: patterns recur as they

@@ -12,16 +12,13 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array
-from .._lapack import packed_cholesky
-from ..window import Row
+from .basis import Memory
 from .covariance import Covariance
 from .records import Records, Solution, Step
 from .slots import NEVER, Slots
 
 # Windows that grow keep a gain of every length up to here; longer ones use a basis.
 GROWING_GAINS = 64
-# A pivot below this (the full window's are 1) means that the rows present are too few for normal equations.
-WEAK_PIVOT = 1e-3
 
 
 class Ring(Slots):
@@ -58,25 +55,18 @@ class Ring(Slots):
 
     @property
     def settled(self) -> bool:
-        """Whether the newest slot, which has a row, ends a full window of plain rows."""
-        horizon, now = self.limits.horizon, self.base + self.end - 1
-        return now - self.irregular >= horizon and self.begin is not None and now - self.begin >= horizon - 1
+        """Whether the newest slot ends a full window of plain rows, and z is all there is to remember."""
+        horizon = self.limits.horizon
+        return self.raw is None and self.length == horizon and self._is_plain(horizon)
 
-    def estimate(self) -> Array | None:
-        """x, flat (dim_x,), of a window whose newest slot has a row; None where it takes the slow path."""
-        length, end = self.length, self.end
-        if self.base + end - 1 - self.irregular >= length and length <= GROWING_GAINS:
-            gain = self.plan.gain(length)
-            return None if gain is None else gain.dot(self.free[end - length : end].reshape(-1))
-        span = self._span(length)
-        weights = self.weights[end - span : end]
-        if self._few(weights) and self.limits.extends and self.base + end - 1 - length >= (self.begin or 0):
-            reached = self._reached()
-            return None if reached is None else reached[0]
-        return self._normal(span, weights)
+    @property
+    def least(self) -> int:
+        """Rows below which a window reaches further back."""
+        return min(self.limits.horizon, self.limits.instants)
 
-    def _few(self, weights: Array) -> bool:
-        return int(np.count_nonzero(weights)) < min(self.limits.horizon, self.limits.instants)
+    def few(self, weights: Array) -> bool:
+        """Whether a window reaches further back, if there is anything."""
+        return int(np.count_nonzero(weights)) < self.least
 
     def solve_at(self, step: int) -> Solution:
         """The estimate as it stood at an earlier step, whose window must have had one."""
@@ -91,18 +81,18 @@ class Ring(Slots):
 
     def _holed(self, length: int) -> Solution | None:
         limits = self.limits
-        span = self._span(length)
+        span = self.span(length)
         weights = self.weights[self.end - span : self.end]
-        if limits.extends and self._few(weights):
+        if limits.extends and self.few(weights):
             earlier = self.arrivals[self.end - limits.reach : self.end - limits.horizon]
             if (earlier != NEVER).any():
                 return self._extended()
         x = self._normal(span, weights)
         if x is not None:
-            return self._solution(x, weights.tobytes(), int(np.count_nonzero(weights)))
+            return self.solution(x, weights.tobytes(), int(np.count_nonzero(weights)))
         return self._patterned(weights)
 
-    def _span(self, length: int) -> int:
+    def span(self, length: int) -> int:
         """Slots the working view covers: powers of two while the window grows need few bases."""
         overhang, horizon = self.overhang, self.limits.horizon
         if length == horizon:
@@ -111,23 +101,18 @@ class Ring(Slots):
 
     def _normal(self, span: int, weights: Array) -> Array | None:
         """x of the last `span` slots by normal equations; None where the rows are too few for them."""
-        x = self._in_basis(span, weights, self.free[self.end - span : self.end])
+        free = self.free[self.end - span : self.end]
+        recall = None if self.weighted else self.memory(span).recall(weights.tobytes())
+        x = self._in_basis(span, weights, free) if recall is None else recall(free.reshape(-1))
         return None if x is None else self._moved(x)
+
+    def memory(self, span: int) -> Memory:
+        """Gains of windows of `span` slots that recur."""
+        return self.plan.memory(span, self.least, self.spread)
 
     def _in_basis(self, span: int, weights: Array, free: Array) -> Array | None:
         """Normal equations in the basis of the full window of `span` steps."""
-        basis = self.plan.basis(span)
-        r = basis.rank
-        if not basis.sound or not r:
-            return None
-        eta = basis.project.dot(free.reshape(-1))
-        factorise, substitute = packed_cholesky()
-        factor, info = factorise(r, basis.grams.dot(weights))
-        if info or min(factor[basis.pivots].tolist()) < WEAK_PIVOT:
-            return None
-        solution, _ = substitute(r, factor, eta)
-        x: Array = basis.back.dot(solution)
-        return x
+        return self.plan.basis(span).solver()(weights, free.reshape(-1))
 
     def _patterned(self, weights: Array) -> Solution | None:
         key = weights.tobytes()
@@ -135,21 +120,20 @@ class Ring(Slots):
         if not pattern.determined:
             return self._extended() if self.limits.extends else None
         x = pattern.weighted_gain.dot(self.free[self.end - len(weights) : self.end].reshape(-1))
-        return self._solution(self._moved(x), key, pattern.rows)
+        return self.solution(self._moved(x), key, pattern.rows)
 
     def _extended(self) -> Solution | None:
         """Reach further back, an older row at a time, until the rows suffice."""
-        if self.raw is not None:
+        if self.spread or self.inputs is not None:
             return self.records().solve(self.limits)
-        reached = self._reached()
-        return None if reached is None else self._solution(*reached)
+        reached = self.reached()
+        return None if reached is None else self.solution(*reached)
 
-    def _reached(self) -> tuple[Array, bytes, int] | None:
+    def reached(self) -> tuple[Array, bytes, int] | None:
         """x from the fewest newest rows that suffice; the pattern of their weights and their number."""
         low = self.end - self.limits.reach
         present = (self.arrivals[low : self.end] != NEVER).nonzero()[0].tolist()
-        wanted = min(self.limits.horizon, self.limits.instants)
-        for count in range(min(wanted, len(present)), len(present) + 1):
+        for count in range(min(self.least, len(present)), len(present) + 1):
             oldest = low + present[-count] if count else self.end
             weights, free = self.weights[oldest : self.end], self.free[oldest : self.end]
             key, length = weights.tobytes(), self.end - oldest
@@ -163,14 +147,14 @@ class Ring(Slots):
                 return x, key, count
         return None
 
-    def _solution(self, x: Array, key: bytes, rows: int) -> Solution:
+    def solution(self, x: Array, key: bytes, rows: int, newest_age: int | None = None) -> Solution:
         """An estimate whose covariance and gains are worked out from the pattern when asked for."""
-        pattern = self.plan.pattern
+        pattern, age = self.plan.pattern, self.newest_age if newest_age is None else newest_age
         return Solution(
             x,
             Covariance(_pattern_covariance, (pattern, key)),
             Covariance(_pattern_gain, (pattern, key)),
-            Covariance(_pattern_newest, (pattern, key, self.newest_age)),
+            Covariance(_pattern_newest, (pattern, key, age)),
             rows,
         )
 
@@ -184,17 +168,15 @@ class Ring(Slots):
         plain = Step(model.F, model.Q)
         records.first = self.base + low
         records.steps.clear()
-        values = self.free if self.raw is None else self.raw
         for i in range(low, self.end):
             known = None if self.inputs is None else self.inputs.known[i]
             still = known is None or not known.any()
             records.steps.append(plain if still or known is None else Step(model.F, model.Q, known.copy()))
             if self.arrivals[i] == NEVER:
                 continue
-            step = self.base + i
-            row = self.odd.get(step) or Row(step, step, model.H, model.R, values[i].copy())
-            records.rows.append(row)
-        records.rows.sort(key=lambda row: row.arrival)
+            records.rows.append(self.row(self.base + i))
+        # Of the rows of one step, the one that came last is what K is about.
+        records.rows.sort(key=lambda row: (row.arrival, row.arrival - row.origin == self.newest_age))
         records.after = None if self.inputs is None else self.inputs.after
         return records
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -35,8 +36,6 @@ class Slots:
         self.end = self.keep  # one past the newest slot
         m = plan.model.dim_z
         self.free = np.zeros((self.capacity, m))
-        self.single = m == 1
-        self.variances: list[float] = plan.model.R.ravel().tolist()
         self.weights = np.zeros(self.capacity)
         self.arrivals = np.full(self.capacity, NEVER)
         self._default()
@@ -44,7 +43,9 @@ class Slots:
         self.irregular = now - 1  # newest step that broke the plain sequence
         self.spread = 0  # longest delay seen
         self.newest_age = 0  # of the row that came last
-        self.odd: dict[int, Row] = {}
+        self.weighted: dict[
+            int, tuple[bytes, Sequence[float]]
+        ] = {}  # R and z of rows with a weight, by origin
         self.raw: Array | None = None
         self.inputs: Trajectory | None = None
 
@@ -73,7 +74,20 @@ class Slots:
             self.inputs.compact(shift, self.keep)
         self.base, self.end = self.base + shift, self.keep
         self._default()
-        self.odd = {step: row for step, row in self.odd.items() if step >= self.base}
+        self.weighted = {step: row for step, row in self.weighted.items() if step >= self.base}
+        self._forget_late()
+
+    def _forget_late(self) -> None:
+        """Be a plain buffer again once all rows in reach came on time and with the model's weight."""
+        raw, arrivals = self.raw, self.arrivals[: self.end]
+        if raw is None or self.inputs is not None or self.weighted:
+            return
+        came = arrivals != NEVER
+        if (arrivals != np.arange(self.base, self.base + self.end))[came].any():
+            return
+        self.weights[: self.end] = came
+        self.free[: self.end] = raw[: self.end] * came[:, None]
+        self.raw, self.spread = None, 0
 
     # -- transitions -----------------------------------------------------------------------------------------
 
@@ -100,15 +114,22 @@ class Slots:
 
     def _trajectory(self) -> Trajectory:
         if self.inputs is None:
-            self._keep_raw()
+            self.keep_raw()
             self.inputs = Trajectory(self.capacity, self.plan.model.dim_x, self.now)
         return self.inputs
 
-    def _keep_raw(self) -> None:
+    def keep_raw(self) -> None:
+        """From now on z itself is kept too; until now `free` is just that, but for weights."""
         if self.raw is None:
             self.raw = self.free.copy()
-            for step, row in self.odd.items():
-                self.raw[step - self.base] = row.z
+            for step, (_, z) in self.weighted.items():
+                self.raw[step - self.base] = z
+
+    def widen(self, late: int) -> None:
+        """Rows may be so late: they leave the working copy one by one, in the order they came."""
+        self.keep_raw()
+        self.spread = late
+        self._expire()
 
     def _rebase(self, inputs: Trajectory) -> None:
         """Start x_u anew at the oldest slot of the window; forget it once nothing in reach knew anything."""
@@ -122,15 +143,6 @@ class Slots:
         inputs.rebased, inputs.valid_from = self.now, self.base + low
         seen = inputs.path[low : self.end] @ self.plan.model.H.T
         self.free[low : self.end] = self.weights[low : self.end, None] * (raw[low : self.end] - seen)
-
-    def hole(self) -> None:
-        """The hot path's update(None): a slot that stays empty."""
-        i = self.end
-        self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
-        self.irregular = self.base + i
-        self.end = i + 1
-        if self.end == self.capacity:
-            self.compact()
 
     # -- rows ------------------------------------------------------------------------------------------------
 
@@ -164,55 +176,34 @@ class Slots:
             return False
         if self._taken(i) or (self.inputs is not None and row.origin < self.inputs.valid_from):
             return False
-        if late:
-            self._keep_raw()  # rows will leave the weighted copy one by one, in the order they came
-        self.arrivals[i], self.weights[i], self.newest_age = row.arrival, weight, late
+        if late > self.spread:
+            self.widen(late)
         if late or weight != 1.0:
-            self.odd[row.origin], self.irregular = row, self.now
+            self.irregular = self.now
+        if weight != 1.0:
+            self.weighted[row.origin] = row.R.tobytes(), row.z.tolist()
+        self.arrivals[i], self.weights[i], self.newest_age = row.arrival, weight, late
         if self.raw is not None:
             self.raw[i] = row.z
         self.free[i] = weight * self._unmoved(row.z, i)
-        if late > self.spread:
-            self.spread = late
-            self._expire()
         if self.begin is None or row.origin < self.begin:
             self.begin = row.origin
         return True
 
-    def quick_weight(self, R: Any) -> float | None:
-        """w where R = R_model / w, for the hot path; None for whatever is not plainly so, or far from 1."""
-        base = self.variances
-        try:
-            if self.single:
-                weight = base[0] / (R if type(R) is float else R.item())
-            else:
-                if R.shape != self.plan.model.R.shape:
-                    return None
-                given = R.ravel().tolist()
-                weight = base[0] / given[0]
-                for ours, theirs in zip(base, given, strict=True):
-                    gap = ours - weight * theirs
-                    if gap and abs(gap) > 1e-15 * abs(ours):
-                        return None
-        except (AttributeError, TypeError, ValueError, ZeroDivisionError):
-            return None
-        return weight if 1.0 / ORDINARY < weight < ORDINARY else None
-
-    def weigh(self, weight: float, R: Any, z: Any) -> None:
-        """Note the weight of the row stored last (as w z), and what came."""
-        i, now = self.end - 1, self.now
-        if self.single:
-            R, z = np.array(R, dtype=float).reshape(1, 1), np.array(z, dtype=float).reshape(1)
+    def row(self, step: int) -> Row:
+        """The row of a slot that has one, as it came."""
+        i, model, own = step - self.base, self.plan.model, self.weighted.get(step)
+        if own is None:
+            z, R = (self.free if self.raw is None else self.raw)[i].copy(), model.R
         else:
-            R, z = R.copy(), z.reshape(-1).copy()
-        self.odd[now] = Row(now, now, self.plan.model.H, R, z)
-        self.weights[i], self.irregular = weight, now
+            z, R = np.array(own[1]), np.frombuffer(own[0]).reshape(model.R.shape)
+        return Row(step, int(self.arrivals[i]), model.H, R, z)
 
-    def unstore(self) -> None:
-        """Take the row stored last back."""
-        self.odd.pop(self.now, None)
-        self.end -= 1
-        self.weights[self.end] = 1.0
+    @property
+    def ordinary(self) -> bool:
+        """Whether no row in the window outweighs any that is as good as the model's."""
+        window = self.weights[self.end - self.limits.horizon - self.overhang : self.end]
+        return not self.weighted or float(window.max()) <= ORDINARY
 
     def relative_weight(self, row: Row) -> float | None:
         """w where R_row = R / w; None where R is no multiple of the model's, or H another."""

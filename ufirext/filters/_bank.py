@@ -58,6 +58,8 @@ class Member(UFIRState):
         usual = self.mode == PREDICTED and delay == 0 and H is self.H.value and R is self.R.value
         if usual and self.take(z):
             self.mode, self.taken = POSTED, z is not None
+            if self.posted_x() is None:
+                self.leave()
             return
         self.taken = False
         self.settle()
@@ -76,7 +78,8 @@ class Member(UFIRState):
 
     def estimate(self) -> Array:
         """x after the last update, without working out anything else."""
-        return self.posted_x() if self.mode else self.x
+        x = self.posted_x() if self.mode else None
+        return self.x if x is None else x
 
     def warm(self) -> None:
         """The hot path is for the model that the ring was made for."""

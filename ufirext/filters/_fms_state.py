@@ -205,13 +205,10 @@ class FMSState(EngineState):
         """A step without an update always goes the slow path."""
         return False
 
-    def take_weighted(self, z: Any, R: Any) -> bool:
-        """update(z, R) always goes the slow path."""
-        return False
-
-    def take(self, z: Any) -> bool:
+    def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        return self.put is not None and self.put(z)
+        usual = self.mode == PREDICTED and R is None and not delay
+        return usual and self.put is not None and self.put(z)
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""

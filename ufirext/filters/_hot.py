@@ -32,11 +32,8 @@ class HotState(Protocol):
     def coast(self) -> bool:
         """predict() after a predict(): False, with nothing done, where the slow path is needed."""
 
-    def take(self, z: Any) -> bool:
-        """update(z) where x cannot wait: False, with nothing done, where the slow path is needed."""
-
-    def take_weighted(self, z: Any, R: Any) -> bool:
-        """update(z, R): likewise."""
+    def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
+        """update() where z alone is not all: False, with nothing done, where the slow path is needed."""
 
     def turn(self, u: Any, B: Any, F: Any, Q: Any) -> bool:
         """predict() while the model changes: likewise."""
@@ -127,14 +124,16 @@ class HotFilter(FilterSurface):
         """
         state: HotState = self._state  # type: ignore[assignment]
         mode = state.mode
-        if mode == PREDICTED and delay == 0:
+        if 0 < mode < TURNED and delay.__class__ is int:
             x = state._x_handed
             own = H is None
-            if own and x is None and R is None and state.read is not None and state.put(z):  # type: ignore[misc]
-                state.mode = POSTED
-                return
+            if own and x is None and R is None and not delay and mode == PREDICTED:
+                put = state.put
+                if state.read is not None and put is not None and put(z):
+                    state.mode = POSTED
+                    return
             regular = (x is None or x.tobytes() == state._x_raw) and (own or state.H.known(H) is not None)
-            if regular and (state.take(z) if R is None else state.take_weighted(z, R)):
+            if regular and state.take(z, R, delay):
                 state._x_handed = None
                 state.mode = POSTED
                 return

@@ -1,8 +1,9 @@
 """The hot path of a UFIRFilter: work that waits until somebody looks.
 
 On a constant model with nothing written from outside, predict() only moves `mode` from POSTED to PREDICTED,
-update() stores z, and x is worked out when it is read (at once where the window has holes). `look` then makes
-every field what the slow path would have made it, `settle` leaves the hot path.
+update() stores z, and x is worked out when it is read, or when the next row needs it: where the window has
+holes, late or weighted rows, every estimate that a row met is kept (`Point`). `look` then makes every field
+what the slow path would have made it, `settle` leaves the hot path.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.lean import intake, reading
+from ..engines.records import Solution
 from ..engines.ring import Ring
+from ..engines.uneven import REGULAR, Point, Uneven, uneven
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
 from ._varying_state import VaryingState
@@ -33,11 +36,18 @@ class UFIRState(VaryingState):
         self.put: Callable[[Any], bool] | None = None  # z into the ring
         self.read: Callable[[], Array] | None = None  # x of a full plain window, which can wait until read
         self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
+        self.plain_from = 0  # step since which there is a `read`
+        self.uneven: Uneven | None = None  # the ring as it is used where there is none
+        self.point: Point | None = None  # then: the last estimate; hot_x is None while it is due
+        # What the last update()'s step started from, None where `prior` tells.
+        self.opened: Point | None = None
+        self.faced: Point | None = None  # what its row met
+        self.came: int | None = None  # the age of its row, None where nothing came
         self.missed = 0  # hot steps without a measurement, in a row
         self.silent = 0  # of these, the last ones that had no update() either
 
     def _ring(self, now: int) -> Ring:
-        self.put = self.readers = None
+        self.put = self.readers = self.uneven = None
         return super()._ring(now)
 
     def _hot_ring(self) -> Ring:
@@ -49,115 +59,142 @@ class UFIRState(VaryingState):
     @property
     def ready(self) -> bool:
         """Whether the rows the window reaches determine the state."""
+        if self.mode and self.lane is None and self._stand() is None:
+            self.leave()
         return self.mode != SLOW or super().ready
 
     def warm(self) -> None:
         """Go over to the hot path if nothing stands against it."""
-        ring = self.engine
+        ring, solution = self.engine, self.solution
         if self.ready_at != self.now or self.missing != "extend" or self._P_handed is not None:
             return
         if isinstance(ring, Varying):
             self._enter(ring)
         elif (
             isinstance(ring, Ring)
-            and ring.raw is None
+            and ring.inputs is None
+            and ring.ordinary
+            and solution is not None
             and not self.watching
             and not (self.stale and self.policy == "auto")
             and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
         ):
             self.mode, self.seen, self.ring, self.missed, self.silent = POSTED, ring.now, ring, 0, 0
-            if self.put is None:
-                self.put = intake(ring)
-            self.read = self._reader(ring)
-            self.hot_x = None if self.read else self.shaped(self.x)
+            if self.uneven is not None and self.uneven.column != (self.form == 2):
+                self.uneven = None
+            self.hot_x = self.shaped(self.x)
+            self.point, self.opened = (self.hot_x, solution, ring.now, 0), None
+            self._read_plainly(ring)
 
-    def _reader(self, ring: Ring) -> Callable[[], Array] | None:
-        """x as one product, for a full window without holes."""
-        horizon = ring.limits.horizon
-        if not (ring.length == horizon and ring.plain):
-            return None
-        if self.readers is None:
-            gain = ring.plan.gain(horizon)
-            if gain is None:
-                return None
+    def _read_plainly(self, ring: Ring) -> None:
+        """From here on x is one product, if the window is full and without holes."""
+        self.read = None
+        gain = ring.plan.gain(ring.limits.horizon) if ring.settled else None
+        if gain is None:
+            return
+        if self.put is None or self.readers is None:
+            self.put = intake(ring)
             self.readers = reading(ring, gain, column=False), reading(ring, gain, column=True)
-        return self.readers[self.form == 2]
+        self.read, self.plain_from, self.hot_x = self.readers[self.form == 2], ring.now, None
 
-    def take(self, z: Any) -> bool:
-        """The hot path's update() where x cannot wait; False, with nothing done, where the slow path is
+    def _hands(self) -> Uneven:
+        if self.uneven is None:
+            self.uneven = uneven(self._hot_ring(), self.form == 2)
+        return self.uneven
+
+    # -- the verbs -------------------------------------------------------------------------------------------
+
+    def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
+        """The hot path's update() where z alone is not all; False, with nothing done, where the slow path is
         needed.
         """
-        ring, put = self.ring, self.put
-        if ring is None or put is None:
-            raise RuntimeError("the hot path runs on a ring only")
+        opens = self.mode == PREDICTED
         if z is None:
-            missed = self._miss(ring)
-            self.silent = 0 if missed else self.silent
-            return missed
-        if not put(z):
+            return opens and R is None and not delay and self._miss(updates=True)
+        if self.read is not None and self.put is not None and opens and R is None and not delay:
+            return self.put(z)
+        point = self._stand() if self.hot_x is None else self.point
+        laid = point is not None and (self.uneven or self._hands()).lay(z, delay, R, opens)
+        if not laid:
             return False
-        if self.read is None and ring.settled:
-            self.read = self._reader(ring)
-            self.silent = self.missed = 0
-        return self.read is not None or self._posted(ring, ring.estimate())
+        if opens:
+            self.opened = point
+        self.faced, self.came, self.hot_x, self.read = point, delay, None, None
+        self.missed = self.silent = 0
+        self.seen = -1
+        if laid == REGULAR:
+            self._read_plainly(self._hot_ring())
+        return True
 
     def coast(self) -> bool:
         """The hot path's predict() after a predict()."""
-        if not self._miss(self._hot_ring()):
-            return False
-        self.silent += 1
-        return True
+        return self._miss(updates=False)
 
-    def _miss(self, ring: Ring) -> bool:
-        if self.missed >= ring.limits.horizon:
+    def _miss(self, updates: bool) -> bool:
+        ring = self._hot_ring()
+        point = self._stand() if self.missed < ring.limits.horizon else None
+        if point is None:
             return False
-        self.missed += 1
-        x = self.F.value.dot(self.posted_x())
-        ring.hole()
-        self.hot_x, self.read = x, None
-        return True
-
-    def take_weighted(self, z: Any, R: Any) -> bool:
-        """The hot path's update() with an R that is a multiple of the model's."""
-        ring, put = self._hot_ring(), self.put
-        weight = ring.quick_weight(R)
-        if weight is None or put is None or not isinstance(z, float | np.ndarray) or not put(weight * z):
-            return False
-        irregular = ring.irregular
-        ring.weigh(weight, R, z)
-        if self._posted(ring, ring.estimate()):
+        self.hot_x = self.F.value.dot(point[0] if self.hot_x is None else self.hot_x)
+        if self.read is not None:
+            self._face_plainly(ring)
             self.read = None
-            return True
-        ring.irregular = irregular
-        return False
-
-    def _posted(self, ring: Ring, flat: Array | None) -> bool:
-        if flat is None:
-            ring.unstore()
-            return False
-        self.hot_x = flat.reshape(-1, 1) if self.form == 2 else flat
-        self.missed = self.silent = 0
+        self._hands().step(True)
+        self.missed += 1
+        if updates:
+            self.opened = self.faced = point
+            self.came, self.silent, self.seen = None, 0, -1
+        else:
+            self.silent += 1
         return True
 
-    def posted_x(self) -> Array:
-        """x after the last update on the hot path, in the client's form."""
-        return self.hot_x if self.read is None else self.read()  # type: ignore[return-value]
+    def _face_plainly(self, ring: Ring) -> None:
+        """What the last row met, where it was a plain one of many."""
+        self.came = 0
+        if ring.now > self.plain_from:
+            earlier = ring.solve_at(ring.now - 1)
+            self.opened = self.faced = (earlier.x, earlier, ring.now - 1, 0)
+
+    def _stand(self) -> Point | None:
+        """The estimate as it stands, which the next row meets; None where it takes the slow path."""
+        if self.read is not None:
+            ring, x = self._hot_ring(), self.read()
+            horizon = ring.limits.horizon
+            self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(horizon), horizon), ring.now, 0)
+        elif self.hot_x is None and self._due() is None:
+            return None
+        return self.point
+
+    def _due(self) -> Array | None:
+        """The estimate where it has been put off."""
+        point = (self.uneven or self._hands()).estimate()
+        if point is not None:
+            self.point, self.hot_x = point, point[0]
+        return self.hot_x
+
+    def posted_x(self) -> Array | None:
+        """x after the last hot update, in the client's form; None where it takes the slow path."""
+        if self.read is not None:
+            return self.read()
+        return self._due() if self.hot_x is None else self.hot_x
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            if self.lane is not None:
-                x = self._x_handed = self.turned_x()
-                self._x_raw = x.tobytes()
+            x = self.hot_x if self.lane is None else self.turned_x()
+            if x is None:
+                x = self._due() if self.read is None else self.read()
+            if x is not None:
+                if self.mode == PREDICTED:
+                    x = self.F.value.dot(x)
+                elif self.lane is None and self.read is None:
+                    x = x.copy()
+                self._x_handed, self._x_raw = x, x.tobytes()
                 return x
-            x = self.posted_x()
-            if self.mode == PREDICTED:
-                x = self.F.value.dot(x)
-            elif self.read is None:
-                x = x.copy()
-            self._x_handed, self._x_raw = x, x.tobytes()
-            return x
+            self.leave()
         return super().hand_out_x()
+
+    # -- what the verbs left out -----------------------------------------------------------------------------
 
     def look(self) -> UFIRState:
         """Work out what the hot path left out; every field is then what the slow path would have made it."""
@@ -167,44 +204,61 @@ class UFIRState(VaryingState):
             self._publish_turned(self.lane)
             return self
         ring = self._hot_ring()
-        F, Q = self.F.value, self.Q.value
         now = ring.now - self.silent  # the step of the last update()
         if now != self.seen:
-            before, P_before = self._stood(now - 1)
-            x, P = self._stood(now)
-            slot = now - ring.base
-            came = bool(ring.arrivals[slot] == now)
-            self.prior = F @ before, P_before.predicted(F, Q, self.fading)
-            self.post = (x, P) if came else self.prior
-            mask = np.full(self.dim_z, came)
-            none = Covariance.of(np.zeros((self.dim_x, 0)))
-            gain = self.solution.newest_gain if came and self.solution is not None else none
-            row = ring.odd.get(now)
-            z = (ring.free[slot].copy() if row is None else row.z) if came else None
-            R = self.R.value if row is None else row.R
-            self._last = (z, self.H.value, R, mask, *self.prior, gain, None)
-            self.now = self.seen = now
-            self.updated = True
+            self._catch_up(ring, now)
         self.x, self.P = self.post
         for _ in range(self.silent + (self.mode == PREDICTED)):
-            self.x, self.P = self.prior = F @ self.x, self.P.predicted(F, Q, self.fading)
+            self.x, self.P = self.prior = self._ahead(self.x, self.P)
         if self._x_handed is not None:
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
+        if self.solution is None:
+            self._cool()
         return self
 
-    def _stood(self, step: int) -> tuple[Array, Covariance]:
-        """x and P after the update of a step on the hot path."""
-        ring = self._hot_ring()
-        came, (x, P) = self.seen, self.post
-        for earlier in range(step, self.seen, -1):
-            if ring.arrivals[earlier - ring.base] == earlier:
-                came, solution = earlier, ring.solve_at(earlier)
-                x, P = solution.x, solution.covariance
-                self.solution, self.ready_at = solution, earlier
-                break
-        for _ in range(step - came):
-            x, P = self.F.value @ x, P.predicted(self.F.value, self.Q.value, self.fading)
+    def _catch_up(self, ring: Ring, now: int) -> None:
+        """The last update(), as the slow path would have published it."""
+        if self.read is not None:
+            self._face_plainly(ring)
+        opened, faced, came = self.opened, self.faced, self.came
+        if faced is None or self.point is None:
+            raise RuntimeError("a hot row meets an estimate")
+        if opened is not None:
+            self.prior = self._carried(opened, now)
+        before = self.prior if faced is opened else self._carried(faced, now)
+        self.now, (self.x, self.P) = now, before
+        z, R, handed = None, self.R.value, self._x_handed
+        if came is None:
+            gain = Covariance.of(np.zeros((self.dim_x, 0)))
+            self.solution, self.ready_at = self._solved(self.point), self.point[2]
+        else:
+            row = ring.row(now - came)
+            z, R = row.z, row.R if now - came in ring.weighted else R
+            found = None if self.read is not None else self._stand()
+            self.ready_at = faced[2]
+            gain = self._concluded(self._solved(found) if found else ring.solve(), z, row.H, R, came)
+        self.post, self._x_handed = (self.x, self.P), handed
+        self._last = (z, self.H.value, R, np.full(self.dim_z, came is not None), *before, gain, None)
+        self.updated, self.seen = True, now
+
+    def _solved(self, point: Point) -> Solution:
+        x, known, _, age = point
+        if isinstance(known, Solution):
+            return known
+        rows = int(np.count_nonzero(np.frombuffer(known)))
+        return self._hot_ring().solution(x.reshape(-1), known, rows, age)
+
+    def _carried(self, point: Point, now: int) -> tuple[Array, Covariance]:
+        """x and P of an estimate, predicted up to a step."""
+        solution = self._solved(point)
+        x, P = solution.x, solution.covariance
+        for _ in range(now - point[2]):
+            x, P = self._ahead(x, P)
         return x, P
+
+    def _ahead(self, x: Array, P: Covariance) -> tuple[Array, Covariance]:
+        F = self.F.value
+        return F @ x, P.predicted(F, self.Q.value, self.fading)
 
     def leave(self) -> None:
         """Leave the hot path."""
@@ -213,11 +267,16 @@ class UFIRState(VaryingState):
             self._leave_lane(self.lane)
         elif self.mode:
             self.look()
-            if self.mode == PREDICTED:
-                self._hot_ring().advance(None)
-                self.now += 1 + self.silent
-                self.updated, self.silent = False, 0
-            self.mode, self.ring, self.read = SLOW, None, None
+            if self.mode:
+                self._cool()
+
+    def _cool(self) -> None:
+        if self.mode == PREDICTED:
+            self._hot_ring().advance(None)
+            self.now += 1 + self.silent
+            self.updated = False
+        self.mode, self.silent, self.ring, self.read = SLOW, 0, None, None
+        self.point = self.opened = self.faced = self.hot_x = None
 
     def _detach(self) -> None:
         """Work out the covariances that still lean on an engine which is about to have a life of its own."""
@@ -232,9 +291,9 @@ class UFIRState(VaryingState):
     def __deepcopy__(self, memo: dict[int, Any]) -> UFIRState:
         self.settle()
         self._detach()
-        return self._forked(("put", "readers"))
+        return self._forked(("put", "readers", "uneven"))
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         self._detach()
-        return self.__dict__ | dict.fromkeys(("_x_handed", "_P_handed", "put", "readers"))
+        return self.__dict__ | dict.fromkeys(("_x_handed", "_P_handed", "put", "readers", "uneven"))

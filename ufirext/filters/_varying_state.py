@@ -49,14 +49,14 @@ class VaryingState(WindowState):
 
     def _enter(self, engine: Varying) -> None:
         """Go over to the hot path, after an update() with an estimate, if nothing stands against it."""
-        if isinstance(engine.sums, Frames) and engine.after is None and not self._due():
+        if isinstance(engine.sums, Frames) and engine.after is None and not self._review():
             self.mode, self.lane, self.unseen = TURNED, engine, False
             self.seen = self.at = self.now
             self.latest = (self.x, self.now, engine.rows[-1], engine.window_rows)
             self.told = self.latest
             self.hot_x = self.shaped(self.x)
 
-    def _due(self) -> bool:
+    def _review(self) -> bool:
         """Whether the slow path has to look at the model, or for another engine."""
         engine = self.engine
         now = self.now if engine is None else engine.now
@@ -85,7 +85,7 @@ class VaryingState(WindowState):
         now = engine.now
         limits = self.limits
         # The windows that covariances lean on must still be remembered when these are worked out.
-        if now - self.latest[1] > limits.reach - limits.horizon or self._due():
+        if now - self.latest[1] > limits.reach - limits.horizon or self._review():
             return False
         F_now = self.F.value if F is None else self.F.taken(F)
         Q_now = self.Q.value if Q is None else self.Q.taken(Q)
@@ -139,7 +139,7 @@ class VaryingState(WindowState):
         if self.mode == TURNED:
             return False
         self.base, self.latest_before = (self.hot_x, self.at), self.latest  # type: ignore[assignment]
-        self.hot_x = self._ahead(engine)
+        self.hot_x = self._turned_ahead(engine)
         self.at, self.unseen, self.mode = engine.now, True, TURNED
         self.given = None, self.H.value, self.R.value
         return True
@@ -151,7 +151,7 @@ class VaryingState(WindowState):
 
     # -- what is worked out later ----------------------------------------------------------------------------
 
-    def _ahead(self, engine: Varying) -> Array:
+    def _turned_ahead(self, engine: Varying) -> Array:
         """x now, from that of the last update()."""
         x: Array = self.hot_x  # type: ignore[assignment]
         for number in range(self.at + 1, engine.now + 1):
@@ -162,7 +162,7 @@ class VaryingState(WindowState):
         """x of now, in the client's form, for the client to keep."""
         engine: Varying = self.lane  # type: ignore[assignment]
         x: Array = self.hot_x  # type: ignore[assignment]
-        return x.copy() if self.at == engine.now else self._ahead(engine)
+        return x.copy() if self.at == engine.now else self._turned_ahead(engine)
 
     def _publish_turned(self, engine: Varying) -> None:
         """Every field as the slow path would have made it."""

@@ -163,8 +163,12 @@ class WindowState(EngineState):
             # The window these lean on may be forgotten when the row comes in.
             self.P.value, self.post[1].value
         counted, solution = self._add(engine, z, H, R, delay)
-        if not counted:
-            return None
+        return self._concluded(solution, z, H, R, delay, cross) if counted else None
+
+    def _concluded(
+        self, solution: Solution | None, z: Array, H: Array, R: Array, delay: int, cross: Array | None = None
+    ) -> Covariance:
+        """Publish what the window says with its new row; the gain on that."""
         self.solution = solution
         if solution is not None:
             self.ready_at = self.now
