@@ -28,6 +28,8 @@ __all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 SHORT, SHORT_BEYOND = 32, 4
 # Entries of a matrix beyond which sums are cheaper.
 DENSE = 100_000
+# The bits of a product's row are the same in products of a multiple of so many rows.
+EVEN = 8
 # Sums of products of basis vectors that are conditioned worse than this lose too many digits.
 SHARED_CONDITION = 1e3
 
@@ -105,9 +107,11 @@ def _dense_states(part: Dense, z: Any, xp: Any) -> Any:
     """(.., rows, dim_x), one product."""
     stop, lead = min(part.high, z.shape[-2]), z.shape[:-2]
     states = part.matrix.shape[1] // (part.high - part.low)
-    flat = xp.reshape(z[..., :stop, :], (*lead, stop * z.shape[-1]))
-    x = xp.matmul(flat, part.matrix[: stop * z.shape[-1], : (stop - part.low) * states])
-    return xp.reshape(x, (*lead, stop - part.low, states))
+    flat = xp.reshape(z[..., :stop, :], (-1, stop * z.shape[-1]))
+    count = flat.shape[0]
+    rows = [flat] + [xp.zeros_like(flat[:1, :])] * (-count % EVEN) if count else [flat]
+    x = xp.matmul(xp.concat(rows, axis=0), part.matrix[: stop * z.shape[-1], : (stop - part.low) * states])
+    return xp.reshape(x[:count, :], (*lead, stop - part.low, states))
 
 
 def _shared_states(part: Shared, z: Any, xp: Any) -> Any:

@@ -53,7 +53,7 @@ def whole_series(
     f._state = begin
     tail = stream(z[count - left :])
     flat = np.empty((count, f.dim_x))
-    convolved(plan.convolution, z[None], flat[None], plan.alignment)
+    convolved(plan.summed, z[None], flat[None], plan.alignment)
     between = slice(horizon + 1, last.start)
     F, Q, means = f.F, f.Q, results[0].reshape(count, -1)
     means[between] = flat[between]

@@ -11,65 +11,70 @@ The kernel needs only matmul, reshape, slices and concat: any array library runs
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._arrays import Array
 
-__all__ = ["PIECE", "Convolution", "Far", "convolution", "convolve", "moved"]
+__all__ = ["PIECE", "Convolution", "Far", "Near", "convolution", "convolve", "moved"]
 
 # Singular values below this fraction of the largest are rounding.
 NOISE = 4e-15
 # Two levels must reproduce the taps to this fraction of the largest tap's row norm.
 FAITHFUL = 4e-15
-# Shortest convolution for which two levels can pay.
-TWO_LEVELS_FROM = 24
 # Shifts of the taps from which a basis of all of them is taken.
 SHIFTS = 6
-# Moving a number costs as much as this many multiplications; a row of a product that is a block short.
-MOVE = 6.0
-# What the calls of one more level cost, in multiplications.
-LEVEL = 60_000.0
 # A series is worked off in pieces of about so many samples, which stay in a processor's cache.
 PIECE = 16_384
-# Columns a product needs to run at full speed.
-WIDE = 16
+# What a product costs beside its multiplications, counted in them: columns come in multiples of LANES, a row
+# of the result ROW, a number of it ENTRY, a call CALL.
+LANES, ROW, ENTRY, CALL = 8, 28.0, 1.4, 20_000.0
+# Blocks are tried up to so many numbers of output, or samples.
+BROAD, FEW = 128, 4
+
+
+class Near(NamedTuple):
+    """Samples that enter one by one: (width * inputs, block * outputs) from those at `offset` on.
+
+    Offsets count from the oldest sample a block sees.
+    """
+
+    offset: int
+    width: int
+    E: Any
 
 
 class Far(NamedTuple):
     """Samples that all outputs of a block share, through moments.
 
-    offset : first sample, counted from the oldest one the block sees; blocks : how many of them;
-    local : (B m, p) moments of a block; inner : convolution of the moments, p in, r out.
+    offset : first sample; blocks : how many blocks of them; local : (block * inputs, p) moments of a block;
+    inner : convolution of the moments, p in, r out; E : (r, block * outputs).
     """
 
     offset: int
     blocks: int
     local: Any
     inner: Any
+    E: Any
 
 
 class Convolution(NamedTuple):
-    """y_n = sum_i taps[i]' z_{n - history + i}, in blocks of `block` outputs.
-
-    near : (offset, width) of the samples that enter one by one; far : those that enter through moments;
-    E : (all that enters, block * outputs).
-    """
+    """y_n = sum_i taps[i]' z_{n - history + i}, in blocks of `block` outputs: the sum of near and far."""
 
     block: int
     history: int
     inputs: int
     outputs: int
-    near: tuple[tuple[int, int], ...]
+    near: tuple[Near, ...]
     far: tuple[Far, ...]
-    E: Any
 
     @property
     def multiplications(self) -> float:
         """Multiplications an output step takes."""
-        own = float(self.E.shape[0] * self.E.shape[1])
+        own = float(sum(part.E.shape[0] * part.E.shape[1] for part in (*self.near, *self.far)))
         for far in self.far:
             own += far.local.shape[0] * far.local.shape[1] + far.inner.multiplications
         return own / self.block
@@ -82,8 +87,12 @@ class Convolution(NamedTuple):
 
 def moved(op: Convolution, convert: Callable[[Array], Any]) -> Convolution:
     """The same convolution with its matrices converted, to another array library, device or type."""
-    far = tuple(part._replace(local=convert(part.local), inner=moved(part.inner, convert)) for part in op.far)
-    return op._replace(far=far, E=convert(op.E))
+    near = tuple(part._replace(E=convert(part.E)) for part in op.near)
+    far = tuple(
+        part._replace(local=convert(part.local), inner=moved(part.inner, convert), E=convert(part.E))
+        for part in op.far
+    )
+    return op._replace(near=near, far=far)
 
 
 def convolve(op: Convolution, z: Any, xp: Any = np, out: Any = None) -> Any:
@@ -91,16 +100,20 @@ def convolve(op: Convolution, z: Any, xp: Any = np, out: Any = None) -> Any:
 
     `xp` is the array namespace of z and of the matrices; `out`, for NumPy alone, takes the result.
     """
-    count = (z.shape[-2] - op.history) // op.block
-    parts = [_blocks(op, z, offset, count, xp)[..., : width * op.inputs] for offset, width in op.near]
+    lead, count = z.shape[:-2], (z.shape[-2] - op.history) // op.block
+    products = [(_blocks(op, z, o, count, xp)[..., : width * op.inputs], E) for o, width, E in op.near]
     for far in op.far:
         moments = xp.matmul(_blocks(op, z, far.offset, count + far.blocks - 1, xp), far.local)
-        parts.append(_padded(far.inner, moments, count, xp))
-    stacked = parts[0] if len(parts) == 1 else xp.concat(parts, axis=-1)
+        products.append((_padded(far.inner, moments, count, xp), far.E))
     if out is None:
-        y = xp.matmul(stacked, op.E)
-        return xp.reshape(y, (*z.shape[:-2], count * op.block, op.outputs))
-    xp.matmul(stacked, op.E, out=out.reshape((*z.shape[:-2], count, op.block * op.outputs)))
+        y = xp.matmul(*products[0])
+        for A, E in products[1:]:
+            y = y + xp.matmul(A, E)
+        return xp.reshape(y, (*lead, count * op.block, op.outputs))
+    y = out.reshape((*lead, count, op.block * op.outputs))
+    np.matmul(*products[0], out=y)
+    for A, E in products[1:]:
+        y += np.matmul(A, E)
     return out
 
 
@@ -127,37 +140,57 @@ def convolution(taps: Array, steps: int = PIECE) -> Convolution:
 
     `steps` : so many at a time.
     """
-    single = _one_level(taps, _single_block(*taps.shape))
-    if len(taps) < TWO_LEVELS_FROM:
-        return single
-    double = _two_levels(taps, _double_block(*taps.shape), steps)
-    if double is None or double.multiplications + LEVEL / steps > single.multiplications:
-        return single
-    return double
+    (_, single), (_, double) = _choice(*taps.shape, steps)
+    while double and 3 * double <= len(taps):
+        found = _two_levels(taps, double, steps)
+        if found is not None:
+            return found
+        double *= 2  # more moments than expected pay from longer blocks on
+    return _one_level(taps, single)
 
 
-def _single_block(length: int, inputs: int, outputs: int) -> int:
-    """B that balances the products, (length + B) inputs outputs a step, against overhead and moves."""
-    candidates = range(max(1, -(-WIDE // outputs)), max(2 * length, 64) + 1)
-    return min(candidates, key=lambda B: _cost(B, length - 1 + B, inputs, outputs))
+@lru_cache(maxsize=4096)
+def _choice(
+    length: int, inputs: int, outputs: int, steps: int
+) -> tuple[tuple[float, int], tuple[float, int]]:
+    """Cost of a step and block of one level, and of two levels or more; block 0 where these do not pay."""
+    blocks = range(1, max(BROAD // outputs, FEW) + 1)
+    single = min((_single_cost(length, inputs, outputs, B, steps), B) for B in blocks)
+    deeper = [B for B in blocks if length >= 3 * B and _moments(length, outputs, B) <= B * inputs / 2]
+    double = min(((_double_cost(length, inputs, outputs, B, steps), B) for B in deeper), default=single)
+    return single, double if double[0] < single[0] else (single[0], 0)
 
 
-def _double_block(length: int, inputs: int, outputs: int) -> int:
-    rank = outputs
-
-    def cost(B: int) -> float:
-        count, rest = divmod(length - B, B)
-        near = _cost(B, 2 * B - 1 + rest + rank / inputs, inputs, outputs)
-        # The moments are convolved in turn, in two levels once there are many.
-        return near + inputs * rank + min(1.3 * max(count, 1), 3.0 * WIDE) * rank * rank / B
-
-    longest = length // 3
-    return min(range(min(max(2, -(-WIDE // outputs)), longest), longest + 1), key=cost)
+def _single_cost(length: int, inputs: int, outputs: int, B: int, steps: int) -> float:
+    products = 1 - (1 - length) // B  # of the length - 1 samples before a block and its own
+    return products * _product(B * inputs, B * outputs, B, steps)
 
 
-def _cost(B: int, width: float, inputs: int, outputs: int) -> float:
-    """Of one step: multiplications, and numbers moved; (B outputs) columns, width * inputs rows."""
-    return width * inputs * outputs * (1.0 + WIDE / (2.0 * B * outputs)) + MOVE * width * inputs / B
+def _double_cost(length: int, inputs: int, outputs: int, B: int, steps: int) -> float:
+    count, moments = _shared_blocks(length, B)[0], _moments(length, outputs, B)
+    own = 2 * _product(B * inputs, B * outputs, B, steps) + _product(outputs, B * outputs, B, steps)
+    own += _product(B * inputs, moments, B, steps)
+    within = min(_choice(count, moments, outputs, max(1, steps // B)))[0]
+    return own + within / B
+
+
+def _moments(length: int, outputs: int, B: int) -> int:
+    """Numbers that stand for a block: as many as the taps have outputs, twice as many if one is not whole."""
+    return outputs * (2 if _shared_blocks(length, B)[1] else 1)
+
+
+def _product(rows: int, columns: int, B: int, steps: int) -> float:
+    """What one product adds to the cost of a step."""
+    return (-(-columns // LANES) * LANES * rows + ROW + ENTRY * columns) / B + CALL / steps
+
+
+def _shared_blocks(length: int, B: int) -> tuple[int, int]:
+    """How many blocks of samples all outputs of a block share, and by how many samples the last is short.
+
+    The samples before them are the left edge, B - 1 or B.
+    """
+    count, rest = divmod(length - B, B)
+    return (count, 0) if rest < 2 else (count + 1, B - rest)
 
 
 def _entries(taps: Array, positions: Array, B: int) -> Array:
@@ -171,23 +204,29 @@ def _entries(taps: Array, positions: Array, B: int) -> Array:
 
 def _one_level(taps: Array, B: int) -> Convolution:
     length, inputs, outputs = taps.shape
-    whole, rest = divmod(length - 1, B)
-    near = [(0, rest)] if rest else []
-    near += [(rest + i * B, B) for i in range(whole + 1)]
-    E = _entries(taps, np.arange(1 - length, B), B)
-    return Convolution(B, length - 1, inputs, outputs, tuple(near), (), E)
+    rest = (length - 1) % B
+    pieces = [(0, rest)] if rest else []
+    pieces += [(offset, B) for offset in range(rest, length, B)]
+    return Convolution(B, length - 1, inputs, outputs, _near(taps, pieces, B), ())
+
+
+def _near(taps: Array, pieces: Iterable[tuple[int, int]], B: int) -> tuple[Near, ...]:
+    """Samples at (offset, width)."""
+    places = [(offset, width, np.arange(offset, offset + width) + 1 - len(taps)) for offset, width in pieces]
+    return tuple(Near(offset, width, _entries(taps, at, B)) for offset, width, at in places)
 
 
 def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
-    """Left edge, moments of whole blocks, and the newest samples; None where the taps are not so simple."""
+    """Left edge, moments of blocks, and the newest samples; None where the taps are not so simple."""
     length, inputs, outputs = taps.shape
-    count, rest = divmod(length - B, B)
-    if count < 2:
-        return None
+    count, short = _shared_blocks(length, B)
+    edge = length - 1 - count * B + short
     size = np.sqrt((taps**2).sum(axis=(0, 1)))
     size = np.where(size > 0.0, size, 1.0)
-    start = B - length  # of the far samples, before the block
+    start = edge + 1 - length  # of the far samples, before the block
     shared = _entries(taps / size, np.arange(start, start + count * B), B)
+    # What the last block has too many are samples of the outputs' own block.
+    shared[len(shared) - short * inputs :] = 0.0
     basis = _range(shared.reshape(-1, B, outputs)[:, _spread(B)].reshape(len(shared), -1))
     if basis is None:
         return None
@@ -200,13 +239,10 @@ def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
     error = (local @ transport).reshape(len(basis), -1) @ seen - shared
     if not np.abs(error).max() <= FAITHFUL:
         return None
-    near = [(0, B - 1), (length - 1 - rest, rest), (length - 1, B)]
-    near = [piece for piece in near if piece[1]]
-    places = np.concatenate([np.arange(o, o + w) for o, w in near]) - (length - 1)
-    E = np.concatenate([_entries(taps, places, B), seen * np.tile(size, B)])
     inner = convolution(transport, max(1, steps // B))
-    far = Far(B - 1, count, np.ascontiguousarray(local), inner)
-    return Convolution(B, length - 1, inputs, outputs, tuple(near), (far,), np.ascontiguousarray(E))
+    far = Far(edge, count, np.ascontiguousarray(local), inner, seen * np.tile(size, B))
+    near = _near(taps, [(0, edge)] * bool(edge) + [(length - 1, B)], B)
+    return Convolution(B, length - 1, inputs, outputs, near, (far,))
 
 
 def _spread(B: int) -> list[int]:
