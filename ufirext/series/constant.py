@@ -9,15 +9,15 @@ import numpy as np
 from .._arrays import Array
 from ..gains import ufir_gain
 from ..minimum_variance import minimum_variance_gain
-from .growth import EVEN
 from .plan import SeriesPlan
 from .summed import Summed
+from .toeplitz import convolve
 
 __all__ = ["Tick", "convolved", "head_covariances"]
 
 Tick = Callable[[int], None]
-# Pieces of fewer steps are filtered with those of other series, or with nothing, in products of so many.
-LONG, TOGETHER = 1024, 8192
+# Pieces of fewer steps cost less in one product with those of other series.
+LONG = 2048
 
 
 def convolved(
@@ -31,39 +31,39 @@ def convolved(
     op = summed.op
     count, steps = z.shape[:2]
     begin = op.history // op.block * op.block
-    for piece in range(begin // alignment * alignment, steps, alignment):
-        start, stop = max(piece, begin), min(piece + alignment, steps)
-        if start >= stop:
-            continue
-        length = -(-(stop - start) // op.block) * op.block
-        # A number that depends on the length alone, so that no series meets other products for its company.
-        together = 1 if length >= LONG else EVEN * -(-TOGETHER // (EVEN * length))
-        for first in range(0, count, together):
-            some = slice(first, first + together)
-            _piece(summed, z[some], out[some], start, stop, (together, length))
-            tick(len(z[some]) * (stop - start))
+    together = max(1, alignment // max(steps, 1))
+    for first in range(0, count, together):
+        rows = slice(first, first + together)
+        for piece in range(begin // alignment * alignment, steps, alignment):
+            start, stop = max(piece, begin), min(piece + alignment, steps)
+            if start < stop:
+                _piece(summed, z[rows], out[rows], start, stop)
+                tick(len(z[rows]) * (stop - start))
 
 
-def _piece(summed: Summed, z: Array, out: Array, start: int, stop: int, shape: tuple[int, int]) -> None:
-    """Rows start .. stop - 1, as a part of `shape` (series, steps); those before the first full window are
-    worked out and not kept.
-    """
-    op, (count, length) = summed.op, shape
+def _piece(summed: Summed, z: Array, out: Array, start: int, stop: int) -> None:
+    """Rows start .. stop - 1; those before the first full window are worked out and not kept."""
+    op = summed.op
+    length = -(-(stop - start) // op.block) * op.block
     before, after = max(op.history - start, 0), start + length - stop
     taken = z[:, max(start - op.history, 0) : stop]
-    if before or after or len(z) < count:
-        padded = np.zeros((count, op.history + length, op.inputs))
-        padded[: len(z), before : padded.shape[1] - after] = taken
+    if before or after:
+        padded = np.zeros((len(z), op.history + length, op.inputs))
+        padded[:, before : padded.shape[1] - after] = taken
         taken = padded
-    else:
+    elif taken.dtype != np.float64 or not taken[0].flags.carray:
         taken = np.ascontiguousarray(taken, dtype=np.float64)
     target = out[:, start:stop]
-    if target.shape[:2] == shape and not before and target.dtype == np.float64 and target.flags.carray:
-        summed(taken, target)
+    direct = not (before or after) and target.dtype == np.float64 and bool(target[0].flags.carray)
+    x = target if direct else np.empty((len(z), length, op.outputs))
+    # The length alone decides, so that the bits of a series do not depend on its company.
+    if length < LONG:
+        convolve(op, taken, out=x)
     else:
-        into = np.empty((*shape, op.outputs))
-        summed(taken, into)
-        target[:, before:] = into[: len(z), before : stop - start]
+        for samples, states in zip(taken, x, strict=True):
+            summed(samples, states)
+    if not direct:
+        target[:, before:] = x[:, before : stop - start]
 
 
 def head_covariances(plan: SeriesPlan, steps: int) -> Array:

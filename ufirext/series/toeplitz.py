@@ -11,7 +11,7 @@ The kernel needs only matmul, reshape, slices and concat: any array library runs
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from .._arrays import Array
 
-__all__ = ["PIECE", "Convolution", "Far", "Near", "convolution", "convolve", "moved"]
+__all__ = ["PIECE", "Convolution", "Far", "convolution", "convolve", "moved"]
 
 # Singular values below this fraction of the largest are rounding.
 NOISE = 4e-15
@@ -30,51 +30,47 @@ SHIFTS = 6
 # A series is worked off in pieces of about so many samples, which stay in a processor's cache.
 PIECE = 16_384
 # What a product costs beside its multiplications, counted in them: columns come in multiples of LANES, a row
-# of the result ROW, a number of it ENTRY, a call CALL.
-LANES, ROW, ENTRY, CALL = 8, 28.0, 1.4, 20_000.0
+# of the result costs ROW, a number of it ENTRY, or PACKED in products of more than SMALL multiplications,
+# which BLAS copies first, a sample (of many series, which do not lie side by side) MOVE, and a call CALL.
+LANES, ROW, ENTRY, PACKED, SMALL, MOVE, CALL = 8, 28.0, 1.4, 8.0, 1e6, 8.0, 20_000.0
+# Two levels round more often than one: they are worth it at this fraction of the cost.
+WORTH = 0.8
 # Blocks are tried up to so many numbers of output, or samples.
 BROAD, FEW = 128, 4
-
-
-class Near(NamedTuple):
-    """Samples that enter one by one: (width * inputs, block * outputs) from those at `offset` on.
-
-    Offsets count from the oldest sample a block sees.
-    """
-
-    offset: int
-    width: int
-    E: Any
 
 
 class Far(NamedTuple):
     """Samples that all outputs of a block share, through moments.
 
-    offset : first sample; blocks : how many blocks of them; local : (block * inputs, p) moments of a block;
-    inner : convolution of the moments, p in, r out; E : (r, block * outputs).
+    offset : first sample, counted from the oldest one the block sees; blocks : how many of them;
+    local : (B m, p) moments of a block; inner : convolution of the moments, p in, r out.
     """
 
     offset: int
     blocks: int
     local: Any
     inner: Any
-    E: Any
 
 
 class Convolution(NamedTuple):
-    """y_n = sum_i taps[i]' z_{n - history + i}, in blocks of `block` outputs: the sum of near and far."""
+    """y_n = sum_i taps[i]' z_{n - history + i}, in blocks of `block` outputs.
+
+    near : (offset, width) of the samples that enter one by one; far : those that enter through moments;
+    E : (all that enters, block * outputs).
+    """
 
     block: int
     history: int
     inputs: int
     outputs: int
-    near: tuple[Near, ...]
+    near: tuple[tuple[int, int], ...]
     far: tuple[Far, ...]
+    E: Any
 
     @property
     def multiplications(self) -> float:
         """Multiplications an output step takes."""
-        own = float(sum(part.E.shape[0] * part.E.shape[1] for part in (*self.near, *self.far)))
+        own = float(self.E.shape[0] * self.E.shape[1])
         for far in self.far:
             own += far.local.shape[0] * far.local.shape[1] + far.inner.multiplications
         return own / self.block
@@ -87,12 +83,8 @@ class Convolution(NamedTuple):
 
 def moved(op: Convolution, convert: Callable[[Array], Any]) -> Convolution:
     """The same convolution with its matrices converted, to another array library, device or type."""
-    near = tuple(part._replace(E=convert(part.E)) for part in op.near)
-    far = tuple(
-        part._replace(local=convert(part.local), inner=moved(part.inner, convert), E=convert(part.E))
-        for part in op.far
-    )
-    return op._replace(near=near, far=far)
+    far = tuple(part._replace(local=convert(part.local), inner=moved(part.inner, convert)) for part in op.far)
+    return op._replace(far=far, E=convert(op.E))
 
 
 def convolve(op: Convolution, z: Any, xp: Any = np, out: Any = None) -> Any:
@@ -100,20 +92,16 @@ def convolve(op: Convolution, z: Any, xp: Any = np, out: Any = None) -> Any:
 
     `xp` is the array namespace of z and of the matrices; `out`, for NumPy alone, takes the result.
     """
-    lead, count = z.shape[:-2], (z.shape[-2] - op.history) // op.block
-    products = [(_blocks(op, z, o, count, xp)[..., : width * op.inputs], E) for o, width, E in op.near]
+    count = (z.shape[-2] - op.history) // op.block
+    parts = [_blocks(op, z, offset, count, xp)[..., : width * op.inputs] for offset, width in op.near]
     for far in op.far:
         moments = xp.matmul(_blocks(op, z, far.offset, count + far.blocks - 1, xp), far.local)
-        products.append((_padded(far.inner, moments, count, xp), far.E))
+        parts.append(_padded(far.inner, moments, count, xp))
+    stacked = parts[0] if len(parts) == 1 else xp.concat(parts, axis=-1)
     if out is None:
-        y = xp.matmul(*products[0])
-        for A, E in products[1:]:
-            y = y + xp.matmul(A, E)
-        return xp.reshape(y, (*lead, count * op.block, op.outputs))
-    y = out.reshape((*lead, count, op.block * op.outputs))
-    np.matmul(*products[0], out=y)
-    for A, E in products[1:]:
-        y += np.matmul(A, E)
+        y = xp.matmul(stacked, op.E)
+        return xp.reshape(y, (*z.shape[:-2], count * op.block, op.outputs))
+    xp.matmul(stacked, op.E, out=out.reshape((*z.shape[:-2], count, op.block * op.outputs)))
     return out
 
 
@@ -135,6 +123,9 @@ def _padded(op: Convolution, z: Any, wanted: int, xp: Any) -> Any:
 # -- design ----------------------------------------------------------------------------------------------
 
 
+Choice = tuple[float, int]  # cost of a step, in multiplications, and block
+
+
 def convolution(taps: Array, steps: int = PIECE) -> Convolution:
     """The cheapest way to convolve with `taps` (length, inputs, outputs), oldest sample first.
 
@@ -150,15 +141,13 @@ def convolution(taps: Array, steps: int = PIECE) -> Convolution:
 
 
 @lru_cache(maxsize=4096)
-def _choice(
-    length: int, inputs: int, outputs: int, steps: int
-) -> tuple[tuple[float, int], tuple[float, int]]:
-    """Cost of a step and block of one level, and of two levels or more; block 0 where these do not pay."""
+def _choice(length: int, inputs: int, outputs: int, steps: int) -> tuple[Choice, Choice]:
+    """One level, and two levels or more; block 0 where these do not pay."""
     blocks = range(1, max(BROAD // outputs, FEW) + 1)
     single = min((_single_cost(length, inputs, outputs, B, steps), B) for B in blocks)
     deeper = [B for B in blocks if length >= 3 * B and _moments(length, outputs, B) <= B * inputs / 2]
     double = min(((_double_cost(length, inputs, outputs, B, steps), B) for B in deeper), default=single)
-    return single, double if double[0] < single[0] else (single[0], 0)
+    return single, double if double[0] < WORTH * single[0] else (single[0], 0)
 
 
 def _single_cost(length: int, inputs: int, outputs: int, B: int, steps: int) -> float:
@@ -181,7 +170,8 @@ def _moments(length: int, outputs: int, B: int) -> int:
 
 def _product(rows: int, columns: int, B: int, steps: int) -> float:
     """What one product adds to the cost of a step."""
-    return (-(-columns // LANES) * LANES * rows + ROW + ENTRY * columns) / B + CALL / steps
+    entry = ENTRY if rows * columns * steps <= SMALL * B else PACKED
+    return (-(-columns // LANES) * LANES * rows + ROW + entry * columns + MOVE * rows) / B + CALL / steps
 
 
 def _shared_blocks(length: int, B: int) -> tuple[int, int]:
@@ -204,16 +194,11 @@ def _entries(taps: Array, positions: Array, B: int) -> Array:
 
 def _one_level(taps: Array, B: int) -> Convolution:
     length, inputs, outputs = taps.shape
-    rest = (length - 1) % B
-    pieces = [(0, rest)] if rest else []
-    pieces += [(offset, B) for offset in range(rest, length, B)]
-    return Convolution(B, length - 1, inputs, outputs, _near(taps, pieces, B), ())
-
-
-def _near(taps: Array, pieces: Iterable[tuple[int, int]], B: int) -> tuple[Near, ...]:
-    """Samples at (offset, width)."""
-    places = [(offset, width, np.arange(offset, offset + width) + 1 - len(taps)) for offset, width in pieces]
-    return tuple(Near(offset, width, _entries(taps, at, B)) for offset, width, at in places)
+    whole, rest = divmod(length - 1, B)
+    near = [(0, rest)] if rest else []
+    near += [(rest + i * B, B) for i in range(whole + 1)]
+    E = _entries(taps, np.arange(1 - length, B), B)
+    return Convolution(B, length - 1, inputs, outputs, tuple(near), (), E)
 
 
 def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
@@ -239,10 +224,12 @@ def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
     error = (local @ transport).reshape(len(basis), -1) @ seen - shared
     if not np.abs(error).max() <= FAITHFUL:
         return None
+    near = tuple(piece for piece in ((0, edge), (length - 1, B)) if piece[1])
+    places = np.concatenate([np.arange(o, o + w) for o, w in near]) - (length - 1)
+    E = np.concatenate([_entries(taps, places, B), seen * np.tile(size, B)])
     inner = convolution(transport, max(1, steps // B))
-    far = Far(edge, count, np.ascontiguousarray(local), inner, seen * np.tile(size, B))
-    near = _near(taps, [(0, edge)] * bool(edge) + [(length - 1, B)], B)
-    return Convolution(B, length - 1, inputs, outputs, near, (far,))
+    far = Far(edge, count, np.ascontiguousarray(local), inner)
+    return Convolution(B, length - 1, inputs, outputs, near, (far,), np.ascontiguousarray(E))
 
 
 def _spread(B: int) -> list[int]:
