@@ -28,8 +28,8 @@ __all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 SHORT, SHORT_BEYOND = 32, 4
 # Entries of a matrix beyond which sums are cheaper.
 DENSE = 100_000
-# The bits of a product's row are the same in products of a multiple of so many rows.
-EVEN = 8
+# Series that enter one product together; always so many, because bits depend on the size of a product.
+GROUP = 8
 # Sums of products of basis vectors that are conditioned worse than this lose too many digits.
 SHARED_CONDITION = 1e3
 
@@ -104,14 +104,16 @@ def head_states(head: Head, z: Any, xp: Any = np) -> Any:
 
 
 def _dense_states(part: Dense, z: Any, xp: Any) -> Any:
-    """(.., rows, dim_x), one product."""
+    """(.., rows, dim_x), a product for every group of series."""
     stop, lead = min(part.high, z.shape[-2]), z.shape[:-2]
     states = part.matrix.shape[1] // (part.high - part.low)
     flat = xp.reshape(z[..., :stop, :], (-1, stop * z.shape[-1]))
-    count = flat.shape[0]
-    rows = [flat] + [xp.zeros_like(flat[:1, :])] * (-count % EVEN) if count else [flat]
-    x = xp.matmul(xp.concat(rows, axis=0), part.matrix[: stop * z.shape[-1], : (stop - part.low) * states])
-    return xp.reshape(x[:count, :], (*lead, stop - part.low, states))
+    count, width = flat.shape
+    rows = xp.concat([flat] + [xp.zeros_like(flat[:1, :])] * (-count % GROUP), axis=0)
+    grouped = xp.reshape(rows, (-(-count // GROUP), GROUP, width))
+    x = xp.matmul(grouped, part.matrix[:width, : (stop - part.low) * states])
+    flat = xp.reshape(x, (-1, x.shape[-1]))[:count, :]
+    return xp.reshape(flat, (*lead, stop - part.low, states))
 
 
 def _shared_states(part: Shared, z: Any, xp: Any) -> Any:
