@@ -14,6 +14,7 @@ from ..errors import UfirextError
 from ..gains import observability_index
 from . import arguments
 from .constant import Tick, convolved
+from .growth import GROUP
 from .holes import Holes, hole_plan, present_in
 from .plan import SeriesPlan, series_plan
 from .request import Request
@@ -100,8 +101,8 @@ def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
 
 
 def _growing(plan: SeriesPlan, z: Array, us: Array | None, x: Array) -> None:
-    """Windows that are not full yet, some series at a time."""
-    together = max(1, GROWING_TOGETHER // x[0].size)
+    """Windows that are not full yet, some groups of series at a time."""
+    together = GROUP * max(1, GROWING_TOGETHER // (GROUP * x[0].size))
     for first in range(0, len(x), together):
         some = slice(first, first + together)
         x[some] = plan.head_states(z[some], None if us is None else us[some])

@@ -22,7 +22,7 @@ from ..minimum_variance import minimum_variance_gain
 from ..model import Model
 from ..window import whitener
 
-__all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
+__all__ = ["GROUP", "Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 
 # Windows up to this length have a gain each; of minimum variance, whose gains cost more, so many longer ones.
 SHORT, SHORT_BEYOND = 32, 4

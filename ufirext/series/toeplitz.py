@@ -35,8 +35,8 @@ PIECE = 16_384
 LANES, ROW, ENTRY, PACKED, SMALL, MOVE, CALL = 8, 28.0, 1.4, 8.0, 1e6, 8.0, 20_000.0
 # Two levels round more often than one: they are worth it at this fraction of the cost.
 WORTH = 0.8
-# Blocks are tried up to so many numbers of output, or samples.
-BROAD, FEW = 128, 4
+# Blocks are tried up to so many numbers of output, and of so many samples at least.
+BROAD, FEW = 96, 4
 
 
 class Far(NamedTuple):
@@ -201,7 +201,7 @@ def _one_level(taps: Array, B: int) -> Convolution:
     return Convolution(B, length - 1, inputs, outputs, tuple(near), (), E)
 
 
-def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
+def _two_levels(taps: Array, B: int, steps: int) -> Convolution | None:
     """Left edge, moments of blocks, and the newest samples; None where the taps are not so simple."""
     length, inputs, outputs = taps.shape
     count, short = _shared_blocks(length, B)
