@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.engines.streams import MODELS
-from ufirext import UFIRFilter
+from ufirext import BernoulliDelay, FMSFilterSmoother, UFIRFilter
 from ufirext.series import hook
 
 STEPS = 2600
@@ -84,9 +84,27 @@ def test_the_fast_way_is_taken_only_where_it_is_exact():
     extended.alpha = 1.01
     assert not taken(extended)
 
-    class Own(UFIRFilter):
-        pass
 
-    own = Own(2, 1, horizon=20)
-    own.F, own.H = model.F, model.H
-    assert not taken(own)
+class Own(UFIRFilter):
+    """Its verbs may do anything."""
+
+
+@pytest.mark.parametrize(
+    "f",
+    [
+        Own(2, 1, horizon=20),
+        UFIRFilter(2, 1, horizon="adaptive"),
+        UFIRFilter(2, 1, horizon=20, max_delay=0),
+        UFIRFilter(2, 1, horizon=20, channel=BernoulliDelay(0.9)),
+        UFIRFilter(2, 1, horizon=20, missing="skip"),
+        FMSFilterSmoother(2, 1, horizon=20),
+    ],
+    ids=lambda f: repr(f).replace("\n", " ")[:60],
+)
+def test_filters_that_are_more_than_a_window_stream(f):
+    f.F, f.H = MODELS["velocity"].F, MODELS["velocity"].H
+
+    def stream(part):
+        raise AssertionError("only a plain window is worked out at once")
+
+    assert hook.whole_series(f, series(MODELS["velocity"]), [None] * 6, stream) is None

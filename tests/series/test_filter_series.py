@@ -265,8 +265,8 @@ def test_plans_are_shared_and_say_what_they_do():
     plan = series_plan(model, 300)
     assert series_plan(model, 300) is plan
     assert pickle.loads(pickle.dumps(plan)) is plan
-    assert "3 levels" in repr(plan)
-    assert "1 level" in repr(series_plan(model, 20))
+    assert "2 levels" in repr(plan)
+    assert "1 level" in repr(series_plan(model, 10))
     assert plan.reach(max_delay=4) == 303
 
 

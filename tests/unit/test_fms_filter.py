@@ -205,6 +205,24 @@ class TestTheWindow:
         np.testing.assert_allclose(far.x - [2.0**20, 0], near.x, atol=1e-8)
         np.testing.assert_allclose(far.x_lag - [2.0**20, 0], near.x_lag, atol=1e-8)
 
+    @pytest.mark.parametrize("q", [0.0, 1e-6])
+    @pytest.mark.parametrize("angle", [1e-2, 1e-5])
+    def test_the_window_is_no_longer_than_it_must_be_however_weakly_it_sees(self, angle, q):
+        # Rows that are almost parallel follow rows that are not: normal equations square their angle.
+        model = kinematic(1, 1, 1.0, q=q, r=1.0)
+        f, naive = made(model, 5, 2), Naive(5, 4)
+        rng = np.random.default_rng(4)
+        for i in range(1, 25):
+            z, tilt = rng.normal(size=1), 1.0 if i < 10 else angle
+            H = np.array([[1.0, -i + tilt * rng.normal()]])
+            f.predict()
+            naive.predict(model.F, model.Q, np.zeros(2))
+            f.update(z, H=H)
+            naive.update(z, H, model.R, 0)
+            if f.ready:
+                assert f.rows == len(naive.window())
+                agrees(f, naive, 2, 1e-15 / angle**2 + 1e-9)
+
     def test_the_cost_of_a_hole_is_some_combinations_whatever_the_horizon(self, monkeypatch):
         import ufirext.segments as segments
 

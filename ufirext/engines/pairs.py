@@ -43,6 +43,12 @@ class PairPlan:
         return Joint(K, joint.L, joint.prior, readonly(joint.P))
 
     @cached_property
+    def halves(self) -> tuple[Array, Array]:
+        """The gains of x_n and of x_{n-lag}, in the order of memory in which short products are quickest."""
+        first, second = np.split(self.joint.K, 2)
+        return readonly(np.asfortranarray(first)), readonly(np.asfortranarray(second))
+
+    @cached_property
     def P(self) -> Covariance:
         """Error covariance of x_n."""
         return Covariance.of(self.joint.P[: self.model.dim_x, : self.model.dim_x])
@@ -159,8 +165,8 @@ class PairRing:
 
     def readers(self, column: bool) -> tuple[Callable[[], Array], Callable[[], Array]]:
         """Two functions: x_n and x_{n-lag}, each half of the one gain, in the client's form."""
-        n, K = self.plan.model.dim_x, self.plan.joint.K
-        return reading(self, K[:n], column), reading(self, K[n:], column)
+        first, second = self.plan.halves
+        return reading(self, first, column), reading(self, second, column)
 
     def solve(self, before: int = 0) -> Solution:
         """The newest state as of the newest row, or of the row before it."""
@@ -175,7 +181,7 @@ class PairRing:
     def _pair(self, before: int) -> Array:
         rows, n = self.free[self.end - before - self.plan.horizon : self.end - before], self.plan.model.dim_x
         # In halves, as the readers have it: the same to the bit.
-        pair = np.concatenate([half.dot(rows.reshape(-1)) for half in np.split(self.plan.joint.K, 2)])
+        pair = np.concatenate([half.dot(rows.reshape(-1)) for half in self.plan.halves])
         if self.path is not None:
             pair[:n] += self.path[-1]
             pair[n:] += self.path[-1 - self.plan.lag]

@@ -164,9 +164,17 @@ class Segmented(Records):
                 segment = self._closed(self.whole, self.instants[candidate], self.now)
                 deviation = estimate(segment)
                 if deviation is not None:
+                    if candidate < place and self._determined_since(candidate + 1):
+                        break
                     self.start, self.clear = self.instants[candidate], True
                     return self._solution(deviation, segment, len(self.instants) - candidate)
         return None if self.doubtful and self._hopeless(floor) else self._solve_slowly(limits)
+
+    def _determined_since(self, place: int) -> bool:
+        """Whether the rows from an instant on determine the state, be it too weakly for folds to tell."""
+        oldest = self.instants[place]
+        rows = [row for row in self.rows if row.origin >= oldest]
+        return self.stack(rows, self.now).window.determined()
 
     def _hopeless(self, floor: int) -> bool:
         """Whether all rows within reach leave directions unseen that the newest state depends on."""

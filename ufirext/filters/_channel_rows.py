@@ -34,6 +34,11 @@ class ChannelState(FilterState):
 
     channel: Channel
 
+    @property
+    def plain(self) -> bool:
+        """False: what a row is, or whether it counts, the channel decides at each step."""
+        return False
+
 
 class StampedRows(ChannelState):
     """Measurements with time stamps: delays are checked, and duplicates dropped and counted."""

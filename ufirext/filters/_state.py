@@ -65,6 +65,13 @@ class FilterState:
     def last(self, value: Update | None) -> None:
         self._last = value
 
+    @property
+    def plain(self) -> bool:
+        """Whether nothing has come yet, and estimates will be least squares over a window of what comes and
+        nothing else.
+        """
+        return False
+
     # -- what the client sees --------------------------------------------------------------------------------
 
     def shaped(self, flat: Array) -> Array:

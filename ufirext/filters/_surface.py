@@ -33,6 +33,11 @@ class FilterSurface(Attributes):
         self.inv = np.linalg.inv
         self._state = state
 
+    @property
+    def _plain(self) -> bool:
+        """Whether this is a fresh filter whose estimates a convolution of the series can give."""
+        return False
+
     # -- verbs -----------------------------------------------------------------------------------------------
 
     def predict(

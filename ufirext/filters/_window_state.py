@@ -229,6 +229,12 @@ class WindowState(EngineState):
             self.ready_at = self.now
             self._publish(solution.x, solution.covariance)
 
+    @property
+    def plain(self) -> bool:
+        """Whether this is one window that nothing has entered yet, and steps do nothing of their own."""
+        fresh = self.engine is None and self.now == 0
+        return fresh and self.policy != "adaptive" and self.missing == "extend" and self.fading == 1.0
+
     # -- what the window says --------------------------------------------------------------------------------
 
     @property

@@ -147,6 +147,11 @@ class UFIRFilter(WindowFilter):
             return np.full((self.dim_x, self.dim_x), np.nan)
         return solution.gain.value @ solution.gain.value.T
 
+    @property
+    def _plain(self) -> bool:
+        """Whether a series may be worked out at once; verbs of a subclass may do anything."""
+        return type(self) is UFIRFilter and self._state.plain
+
     def smoothed(self, lag: int) -> tuple[Array, Array]:
         """The state `lag` steps ago, from the same window, and its exact covariance.
 

@@ -25,7 +25,7 @@ __all__ = [
     "one_of",
 ]
 
-# Samples that are searched for holes at once.
+# Numbers that are searched for holes at once.
 LOOKED_AT = 65_536
 
 
@@ -64,13 +64,13 @@ def holes(z: Array) -> NDArray[np.bool_]:
     found = np.zeros(len(z), dtype=np.bool_)
     if z.dtype.kind != "f":
         return found
-    together = max(1, LOOKED_AT // max(z[:1].size, 1))
+    together, width = max(1, LOOKED_AT // max(z[:1].size, 1)), max(1, LOOKED_AT // z.shape[2])
     for first in range(0, len(z), together):
         if _plainly_finite(z[first : first + together]):
             continue
         for series in range(first, min(first + together, len(z))):
-            for start in range(0, z.shape[1], LOOKED_AT):
-                part = z[series, start : start + LOOKED_AT]
+            for start in range(0, z.shape[1], width):
+                part = z[series, start : start + width]
                 found[series] |= not _plainly_finite(part) and _has_nan(part, series, start)
     return found
 

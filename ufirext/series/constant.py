@@ -10,21 +10,25 @@ from .._arrays import Array
 from ..gains import ufir_gain
 from ..minimum_variance import minimum_variance_gain
 from .plan import SeriesPlan
-from .toeplitz import Convolution, convolve
+from .summed import Summed
+from .toeplitz import convolve
 
 __all__ = ["Tick", "convolved", "head_covariances"]
 
 Tick = Callable[[int], None]
+# Pieces of fewer steps cost less in one product with those of other series.
+LONG = 2048
 
 
 def convolved(
-    op: Convolution, z: Array, out: Array, alignment: int, tick: Tick = lambda samples: None
+    summed: Summed, z: Array, out: Array, alignment: int, tick: Tick = lambda samples: None
 ) -> None:
-    """Rows `op.history` .. T - 1 of the convolution of z (S, T, inputs) into out (S, T, outputs).
+    """Rows `history` .. T - 1 of the convolution of z (S, T, inputs) into out (S, T, outputs).
 
     Piece after piece from multiples of the alignment on, each with the samples before it, so that the bits
-    of a row depend on its place in the grid alone. Rows before op.history are left as they are.
+    of a row depend on its place in the grid alone. Rows before `history` are left as they are.
     """
+    op = summed.op
     count, steps = z.shape[:2]
     begin = op.history // op.block * op.block
     together = max(1, alignment // max(steps, 1))
@@ -33,12 +37,13 @@ def convolved(
         for piece in range(begin // alignment * alignment, steps, alignment):
             start, stop = max(piece, begin), min(piece + alignment, steps)
             if start < stop:
-                _piece(op, z[rows], out[rows], start, stop)
+                _piece(summed, z[rows], out[rows], start, stop)
                 tick(len(z[rows]) * (stop - start))
 
 
-def _piece(op: Convolution, z: Array, out: Array, start: int, stop: int) -> None:
+def _piece(summed: Summed, z: Array, out: Array, start: int, stop: int) -> None:
     """Rows start .. stop - 1; those before the first full window are worked out and not kept."""
+    op = summed.op
     length = -(-(stop - start) // op.block) * op.block
     before, after = max(op.history - start, 0), start + length - stop
     taken = z[:, max(start - op.history, 0) : stop]
@@ -49,12 +54,16 @@ def _piece(op: Convolution, z: Array, out: Array, start: int, stop: int) -> None
     elif taken.dtype != np.float64 or not taken[0].flags.carray:
         taken = np.ascontiguousarray(taken, dtype=np.float64)
     target = out[:, start:stop]
-    if before or after or target.dtype != np.float64 or not target[0].flags.carray:
-        target[:, before:] = convolve(op, taken)[:, before : stop - start]
-    elif len(target) == 1:
-        convolve(op, taken[0], out=target[0])
+    direct = not (before or after) and target.dtype == np.float64 and bool(target[0].flags.carray)
+    x = target if direct else np.empty((len(z), length, op.outputs))
+    # The length alone decides, so that the bits of a series do not depend on its company.
+    if length < LONG:
+        convolve(op, taken, out=x)
     else:
-        convolve(op, taken, out=target)
+        for samples, states in zip(taken, x, strict=True):
+            summed(samples, states)
+    if not direct:
+        target[:, before:] = x[:, before : stop - start]
 
 
 def head_covariances(plan: SeriesPlan, steps: int) -> Array:

@@ -14,6 +14,7 @@ from ..errors import UfirextError
 from ..gains import observability_index
 from . import arguments
 from .constant import Tick, convolved
+from .growth import GROUP
 from .holes import Holes, hole_plan, present_in
 from .plan import SeriesPlan, series_plan
 from .request import Request
@@ -30,7 +31,6 @@ ENGINES = ("auto", "toeplitz", "scan", "stepwise", "numba")
 CONSTANT, HOLES, SCAN, STEPWISE = range(4)
 # Numbers of growing windows that are worked out together, so that they stay in a processor's cache.
 GROWING_TOGETHER = 16_384
-EVEN = 8
 
 
 def plan_of(request: Request) -> SeriesPlan:
@@ -85,7 +85,7 @@ def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
     """A constant model and series without holes."""
     plan, z, us = plan_of(request), request.z, request.us
     if us is None:
-        convolved(plan.convolution, z, x, plan.alignment, tick)
+        convolved(plan.summed, z, x, plan.alignment, tick)
     else:
         convolved(plan.with_inputs, np.concatenate([z, us], axis=2), x, plan.alignment, tick)
     begin = min(plan.horizon - 1, request.steps)
@@ -101,15 +101,11 @@ def _constant(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
 
 
 def _growing(plan: SeriesPlan, z: Array, us: Array | None, x: Array) -> None:
-    """Windows that are not full yet, in groups of a multiple of EVEN series."""
-    together = EVEN * max(1, GROWING_TOGETHER // (EVEN * x[0].size))
+    """Windows that are not full yet, some groups of series at a time."""
+    together = GROUP * max(1, GROWING_TOGETHER // (GROUP * x[0].size))
     for first in range(0, len(x), together):
         some = slice(first, first + together)
-        # The bits of a product's row are the same in products of a multiple of EVEN rows.
-        missing = -len(x[some]) % EVEN
-        rows = np.concatenate([z[some], np.zeros((missing, *z.shape[1:]))])
-        pushed = None if us is None else np.concatenate([us[some], np.zeros((missing, *us.shape[1:]))])
-        x[some] = plan.head_states(rows, pushed)[: len(x[some])]
+        x[some] = plan.head_states(z[some], None if us is None else us[some])
 
 
 def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:

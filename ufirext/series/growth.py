@@ -22,12 +22,14 @@ from ..minimum_variance import minimum_variance_gain
 from ..model import Model
 from ..window import whitener
 
-__all__ = ["Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
+__all__ = ["GROUP", "Basis", "Head", "basis_of", "head_of", "head_states", "moved_head"]
 
 # Windows up to this length have a gain each; of minimum variance, whose gains cost more, so many longer ones.
 SHORT, SHORT_BEYOND = 32, 4
 # Entries of a matrix beyond which sums are cheaper.
 DENSE = 100_000
+# Series that enter one product together; always so many, because bits depend on the size of a product.
+GROUP = 8
 # Sums of products of basis vectors that are conditioned worse than this lose too many digits.
 SHARED_CONDITION = 1e3
 
@@ -102,12 +104,16 @@ def head_states(head: Head, z: Any, xp: Any = np) -> Any:
 
 
 def _dense_states(part: Dense, z: Any, xp: Any) -> Any:
-    """(.., rows, dim_x), one product."""
+    """(.., rows, dim_x), a product for every group of series."""
     stop, lead = min(part.high, z.shape[-2]), z.shape[:-2]
     states = part.matrix.shape[1] // (part.high - part.low)
-    flat = xp.reshape(z[..., :stop, :], (*lead, stop * z.shape[-1]))
-    x = xp.matmul(flat, part.matrix[: stop * z.shape[-1], : (stop - part.low) * states])
-    return xp.reshape(x, (*lead, stop - part.low, states))
+    flat = xp.reshape(z[..., :stop, :], (-1, stop * z.shape[-1]))
+    count, width = flat.shape
+    rows = xp.concat([flat] + [xp.zeros_like(flat[:1, :])] * (-count % GROUP), axis=0)
+    grouped = xp.reshape(rows, (-(-count // GROUP), GROUP, width))
+    x = xp.matmul(grouped, part.matrix[:width, : (stop - part.low) * states])
+    flat = xp.reshape(x, (-1, x.shape[-1]))[:count, :]
+    return xp.reshape(flat, (*lead, stop - part.low, states))
 
 
 def _shared_states(part: Shared, z: Any, xp: Any) -> Any:

@@ -22,7 +22,8 @@ from .batched import positive_solution
 from .growth import Basis, basis_of
 from .plan import SeriesPlan
 from .request import Request
-from .toeplitz import Convolution, convolution, convolve
+from .summed import Summed
+from .toeplitz import convolution
 from .windows import Mask, Windows
 
 __all__ = ["HolePlan", "Holes", "hole_plan", "present_in"]
@@ -65,14 +66,14 @@ class HolePlan:
         return independent and bool(information.min() > NEGLIGIBLE * information.sum())
 
     @cached_property
-    def eta(self) -> Convolution:
+    def eta(self) -> Summed:
         """From measurements to eta."""
-        return convolution(self.known_basis.raw)
+        return Summed(convolution(self.known_basis.raw))
 
     @cached_property
-    def Lam(self) -> Convolution:
+    def Lam(self) -> Summed:
         """From the mask of components to the upper triangle of Lam."""
-        return convolution(_squares(self.known_basis))
+        return Summed(convolution(_squares(self.known_basis)))
 
     @cached_property
     def aim(self) -> Array:
@@ -190,12 +191,15 @@ def _solved(eta: Array, Lam: Array) -> tuple[Array, Mask]:
     return positive_solution(whole, eta.T, WEAK_PIVOT, np.ones((n, count)))
 
 
-def _slice(op: Convolution, z: Array) -> Array:
+def _slice(summed: Summed, z: Array) -> Array:
     """All full windows of a piece."""
+    op = summed.op
     wanted = len(z) - op.history
-    padded = np.zeros((op.history + -(-wanted // op.block) * op.block, op.inputs))
+    length = -(-wanted // op.block) * op.block
+    padded, result = np.zeros((op.history + length, op.inputs)), np.empty((length, op.outputs))
     padded[: len(z)] = z
-    return np.asarray(convolve(op, padded)[:wanted])
+    summed(padded, result)
+    return result[:wanted]
 
 
 def _transported(F: Array, oldest: Array, ages: NDArray[np.int64]) -> Array:

@@ -53,7 +53,7 @@ def whole_series(
     f._state = begin
     tail = stream(z[count - left :])
     flat = np.empty((count, f.dim_x))
-    convolved(plan.convolution, z[None], flat[None], plan.alignment)
+    convolved(plan.summed, z[None], flat[None], plan.alignment)
     between = slice(horizon + 1, last.start)
     F, Q, means = f.F, f.Q, results[0].reshape(count, -1)
     means[between] = flat[between]
@@ -67,11 +67,7 @@ def whole_series(
 
 def _plain(f: Any, zs: Any, per_step: Sequence[Any]) -> Array | None:
     """The series as (T, dim_z), if filter and series are plain."""
-    state = f._state
-    ours = type(f).__module__ == "ufirext.filters.ufir" and type(state).__module__.endswith("._ufir_state")
-    if not ours or any(values is not None for values in per_step):
-        return None
-    if state.engine is not None or state.now or state.missing != "extend" or state.fading != 1.0:
+    if not f._plain or any(values is not None for values in per_step):
         return None
     try:
         z = np.asarray(zs, dtype=float)

@@ -12,6 +12,7 @@ The kernel needs only matmul, reshape, slices and concat: any array library runs
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,18 +25,18 @@ __all__ = ["PIECE", "Convolution", "Far", "convolution", "convolve", "moved"]
 NOISE = 4e-15
 # Two levels must reproduce the taps to this fraction of the largest tap's row norm.
 FAITHFUL = 4e-15
-# Shortest convolution for which two levels can pay.
-TWO_LEVELS_FROM = 24
 # Shifts of the taps from which a basis of all of them is taken.
 SHIFTS = 6
-# Moving a number costs as much as this many multiplications; a row of a product that is a block short.
-MOVE = 6.0
-# What the calls of one more level cost, in multiplications.
-LEVEL = 60_000.0
 # A series is worked off in pieces of about so many samples, which stay in a processor's cache.
 PIECE = 16_384
-# Columns a product needs to run at full speed.
-WIDE = 16
+# What a product costs beside its multiplications, counted in them: columns come in multiples of LANES, a row
+# of the result costs ROW, a number of it ENTRY, or PACKED in products of more than SMALL multiplications,
+# which BLAS copies first, a sample (of many series, which do not lie side by side) MOVE, and a call CALL.
+LANES, ROW, ENTRY, PACKED, SMALL, MOVE, CALL = 8, 28.0, 1.4, 8.0, 1e6, 8.0, 20_000.0
+# Two levels round more often than one: they are worth it at this fraction of the cost.
+WORTH = 0.8
+# Blocks are tried up to so many numbers of output, and of so many samples at least.
+BROAD, FEW = 96, 4
 
 
 class Far(NamedTuple):
@@ -122,42 +123,64 @@ def _padded(op: Convolution, z: Any, wanted: int, xp: Any) -> Any:
 # -- design ----------------------------------------------------------------------------------------------
 
 
+Choice = tuple[float, int]  # cost of a step, in multiplications, and block
+
+
 def convolution(taps: Array, steps: int = PIECE) -> Convolution:
     """The cheapest way to convolve with `taps` (length, inputs, outputs), oldest sample first.
 
     `steps` : so many at a time.
     """
-    single = _one_level(taps, _single_block(*taps.shape))
-    if len(taps) < TWO_LEVELS_FROM:
-        return single
-    double = _two_levels(taps, _double_block(*taps.shape), steps)
-    if double is None or double.multiplications + LEVEL / steps > single.multiplications:
-        return single
-    return double
+    (_, single), (_, double) = _choice(*taps.shape, steps)
+    while double and 3 * double <= len(taps):
+        found = _two_levels(taps, double, steps)
+        if found is not None:
+            return found
+        double *= 2  # more moments than expected pay from longer blocks on
+    return _one_level(taps, single)
 
 
-def _single_block(length: int, inputs: int, outputs: int) -> int:
-    """B that balances the products, (length + B) inputs outputs a step, against overhead and moves."""
-    candidates = range(max(1, -(-WIDE // outputs)), max(2 * length, 64) + 1)
-    return min(candidates, key=lambda B: _cost(B, length - 1 + B, inputs, outputs))
+@lru_cache(maxsize=4096)
+def _choice(length: int, inputs: int, outputs: int, steps: int) -> tuple[Choice, Choice]:
+    """One level, and two levels or more; block 0 where these do not pay."""
+    blocks = range(1, max(BROAD // outputs, FEW) + 1)
+    single = min((_single_cost(length, inputs, outputs, B, steps), B) for B in blocks)
+    deeper = [B for B in blocks if length >= 3 * B and _moments(length, outputs, B) <= B * inputs / 2]
+    double = min(((_double_cost(length, inputs, outputs, B, steps), B) for B in deeper), default=single)
+    return single, double if double[0] < WORTH * single[0] else (single[0], 0)
 
 
-def _double_block(length: int, inputs: int, outputs: int) -> int:
-    rank = outputs
-
-    def cost(B: int) -> float:
-        count, rest = divmod(length - B, B)
-        near = _cost(B, 2 * B - 1 + rest + rank / inputs, inputs, outputs)
-        # The moments are convolved in turn, in two levels once there are many.
-        return near + inputs * rank + min(1.3 * max(count, 1), 3.0 * WIDE) * rank * rank / B
-
-    longest = length // 3
-    return min(range(min(max(2, -(-WIDE // outputs)), longest), longest + 1), key=cost)
+def _single_cost(length: int, inputs: int, outputs: int, B: int, steps: int) -> float:
+    products = 1 - (1 - length) // B  # of the length - 1 samples before a block and its own
+    return products * _product(B * inputs, B * outputs, B, steps)
 
 
-def _cost(B: int, width: float, inputs: int, outputs: int) -> float:
-    """Of one step: multiplications, and numbers moved; (B outputs) columns, width * inputs rows."""
-    return width * inputs * outputs * (1.0 + WIDE / (2.0 * B * outputs)) + MOVE * width * inputs / B
+def _double_cost(length: int, inputs: int, outputs: int, B: int, steps: int) -> float:
+    count, moments = _shared_blocks(length, B)[0], _moments(length, outputs, B)
+    own = 2 * _product(B * inputs, B * outputs, B, steps) + _product(outputs, B * outputs, B, steps)
+    own += _product(B * inputs, moments, B, steps)
+    within = min(_choice(count, moments, outputs, max(1, steps // B)))[0]
+    return own + within / B
+
+
+def _moments(length: int, outputs: int, B: int) -> int:
+    """Numbers that stand for a block: as many as the taps have outputs, twice as many if one is not whole."""
+    return outputs * (2 if _shared_blocks(length, B)[1] else 1)
+
+
+def _product(rows: int, columns: int, B: int, steps: int) -> float:
+    """What one product adds to the cost of a step."""
+    entry = ENTRY if rows * columns * steps <= SMALL * B else PACKED
+    return (-(-columns // LANES) * LANES * rows + ROW + entry * columns + MOVE * rows) / B + CALL / steps
+
+
+def _shared_blocks(length: int, B: int) -> tuple[int, int]:
+    """How many blocks of samples all outputs of a block share, and by how many samples the last is short.
+
+    The samples before them are the left edge, B - 1 or B.
+    """
+    count, rest = divmod(length - B, B)
+    return (count, 0) if rest < 2 else (count + 1, B - rest)
 
 
 def _entries(taps: Array, positions: Array, B: int) -> Array:
@@ -178,16 +201,17 @@ def _one_level(taps: Array, B: int) -> Convolution:
     return Convolution(B, length - 1, inputs, outputs, tuple(near), (), E)
 
 
-def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
-    """Left edge, moments of whole blocks, and the newest samples; None where the taps are not so simple."""
+def _two_levels(taps: Array, B: int, steps: int) -> Convolution | None:
+    """Left edge, moments of blocks, and the newest samples; None where the taps are not so simple."""
     length, inputs, outputs = taps.shape
-    count, rest = divmod(length - B, B)
-    if count < 2:
-        return None
+    count, short = _shared_blocks(length, B)
+    edge = length - 1 - count * B + short
     size = np.sqrt((taps**2).sum(axis=(0, 1)))
     size = np.where(size > 0.0, size, 1.0)
-    start = B - length  # of the far samples, before the block
+    start = edge + 1 - length  # of the far samples, before the block
     shared = _entries(taps / size, np.arange(start, start + count * B), B)
+    # What the last block has too many are samples of the outputs' own block.
+    shared[len(shared) - short * inputs :] = 0.0
     basis = _range(shared.reshape(-1, B, outputs)[:, _spread(B)].reshape(len(shared), -1))
     if basis is None:
         return None
@@ -200,13 +224,12 @@ def _two_levels(taps: Array, B: int, steps: int = PIECE) -> Convolution | None:
     error = (local @ transport).reshape(len(basis), -1) @ seen - shared
     if not np.abs(error).max() <= FAITHFUL:
         return None
-    near = [(0, B - 1), (length - 1 - rest, rest), (length - 1, B)]
-    near = [piece for piece in near if piece[1]]
+    near = tuple(piece for piece in ((0, edge), (length - 1, B)) if piece[1])
     places = np.concatenate([np.arange(o, o + w) for o, w in near]) - (length - 1)
     E = np.concatenate([_entries(taps, places, B), seen * np.tile(size, B)])
     inner = convolution(transport, max(1, steps // B))
-    far = Far(B - 1, count, np.ascontiguousarray(local), inner)
-    return Convolution(B, length - 1, inputs, outputs, tuple(near), (far,), np.ascontiguousarray(E))
+    far = Far(edge, count, np.ascontiguousarray(local), inner)
+    return Convolution(B, length - 1, inputs, outputs, near, (far,), np.ascontiguousarray(E))
 
 
 def _spread(B: int) -> list[int]:
