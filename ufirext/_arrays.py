@@ -15,6 +15,8 @@ from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError
 
 Shape = tuple[int | None, ...]
 
+FLOAT = np.dtype(float)
+
 # A covariance may miss positive semidefiniteness by rounding: this fraction of its largest entry.
 PSD_SLACK = 1e-9
 
@@ -62,7 +64,10 @@ def _shaped(array: Array, shape: Shape, name: str, meaning: str) -> Array:
 
 def square(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
     """A finite (size, size) matrix; a scalar s stands for s * identity, as in filterpy."""
-    array, shape = real(value, name), (size, size)
+    shape = (size, size)
+    if value.__class__ is np.ndarray and value.dtype is FLOAT and value.shape == shape:
+        return finite(value.copy(), name)
+    array = real(value, name)
     if array.ndim == 0:
         return np.eye(size) * finite(array, name)
     return finite(array if array.shape == shape else _shaped(array, shape, name, meaning), name)
@@ -70,9 +75,24 @@ def square(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
 
 def covariance(value: ArrayLike, size: int, name: str, meaning: str = "") -> Array:
     """A symmetric positive semidefinite (size, size) matrix; a scalar s stands for s * identity."""
+    if value.__class__ is np.ndarray and value.dtype is FLOAT and value.shape == (size, size):
+        array: Array = value.copy()
+        if _plainly_covariance(array):
+            return array
     array = square(value, size, name, meaning)
     check_covariance(array, name)
     return array
+
+
+def _plainly_covariance(array: Array) -> bool:
+    """Whether a look is enough; False proves nothing."""
+    if array.tobytes() != array.T.tobytes() or not max(array.diagonal().tolist()) < math.inf:
+        return False
+    if is_positive_definite(array):
+        return True
+    lifted = array.copy()  # noise of fewer sources than states: a singular Q
+    lifted.ravel()[:: len(array) + 1] *= 1.0 + PSD_SLACK
+    return is_positive_definite(lifted)
 
 
 def check_covariance(array: Array, name: str) -> None:
@@ -81,7 +101,7 @@ def check_covariance(array: Array, name: str) -> None:
         if array[0, 0] < 0.0:
             raise CovarianceError(f"{name} must be positive semidefinite, got the variance {array[0, 0]:.3g}")
         return
-    if array.tobytes() == array.T.tobytes() and is_positive_definite(array):
+    if _plainly_covariance(array):
         return
     if np.count_nonzero(array) == np.count_nonzero(array.diagonal()) and array.diagonal().min() >= 0.0:
         return

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, readonly
 from ..gains import exact_covariance, least_squares
 from ..window import Row, Window
 from .covariance import Covariance
@@ -39,12 +40,17 @@ class Step:
         """E = [[F, known], [0, 1]], the transition of [x; 1]."""
         if self._affine is None:
             n = len(self.F)
-            E = np.zeros((n + 1, n + 1))
-            E[:n, :n], E[n, n] = self.F, 1.0
+            E = _identity(n + 1).copy()
+            E[:n, :n] = self.F
             if self.known is not None:
                 E[:n, n] = self.known
             self._affine = E
         return self._affine
+
+
+@cache
+def _identity(size: int) -> Array:
+    return readonly(np.eye(size))
 
 
 class Limits(NamedTuple):
@@ -141,11 +147,12 @@ class Records:
     def negligible(self, row: Row) -> bool:
         """A row whose information is nothing beside the largest in reach counts as missing."""
         peak, information = self.peak, row.information
-        if peak is None or information < NEGLIGIBLE * peak.information:
+        if peak is not None and NEGLIGIBLE * peak.information <= information <= peak.information:
+            return False
+        if peak is None or information < peak.information:
             # The peak may have left the reach; what is not negligible beside an older one is not at all.
-            peak = self.peak = max(self.rows, key=lambda other: other.information, default=row)
-        if information > peak.information:
-            self.peak = row
+            peak = max(self.rows, key=lambda other: other.information, default=row)
+        self.peak = peak if peak.information > information else row
         return bool(self.rows) and information < NEGLIGIBLE * peak.information
 
     def forget(self, limits: Limits) -> None:

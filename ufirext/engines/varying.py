@@ -1,40 +1,34 @@
-"""The engine for whatever changes from step to step, at a cost free of the window's length.
-
-Suffixes are built by backward recursion and nothing is ever subtracted. While a block serves, the next one's
-table is built row by row, so that no step is long.
-"""
+"""The engine for whatever changes from step to step, at a cost free of the window's length."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from itertools import dropwhile, takewhile
 from operator import attrgetter
 from typing import NamedTuple, Self
 
-import numpy as np
-
 from .._arrays import Array
-from .._lapack import cholesky_solver
-from ..window import Row, well_scaled
-from .blocks import Block, Suffix
+from ..window import Row
 from .covariance import Covariance
 from .exact import window_covariance
+from .frames import Frames
 from .records import Limits, Records, Solution
+from .suffixes import Suffixes
 
-# A scaled pivot below this: the normal equations would lose too much, the reference solves instead.
-WEAK_PIVOT = 0.03
-# Transitions that grow beyond this over a window make start-referenced sums lose digits: likewise.
-GROWTH = 1e4
-# Two blocks are kept for one part in so many of the steps, in which the table of the next one is built.
-OVERLAP = 8
+# Forgetting a few steps at a time costs the same at every horizon, and no step is long.
+FORGET_EVERY = 32
 
 
 class Varying(Records):
-    """Records that keep running sums over their rows; the reference solution where sums would not do."""
+    """Records that keep running sums over their rows; the reference solution where sums would not do.
+
+    The sums are quick ones in the frame before the window (`Frames`), or careful ones in the frame of its
+    oldest row (`Suffixes`) where those lose too many digits.
+    """
 
     limits: Limits
-    active: Block | None = None
-    following: Block | None = None
+    sums: Frames | Suffixes | None = None
 
     @classmethod
     def over(cls, records: Records, limits: Limits) -> Self:
@@ -42,8 +36,6 @@ class Varying(Records):
         engine = object.__new__(cls)
         engine.__dict__.update(records.__dict__)
         engine._begin(limits)
-        for row in records.rows:
-            engine._index(row)
         return engine
 
     def __init__(self, first_F: Array, first_Q: Array, now: int, limits: Limits) -> None:
@@ -54,153 +46,66 @@ class Varying(Records):
         self.limits = limits
         # What the window counts from: when a row arrived, or where its state lies.
         self._key: Callable[[Row], int] = attrgetter("arrival" if limits.by_arrival else "origin")
-        self.active = self.following = None
-        self.by_key: dict[int, list[Row]] = {}
-        self.spread = 0  # longest delay seen
-        # Up to each key: rows, and steps that brought one of their own (at least so many instants).
-        self.tallies: dict[int, tuple[int, int]] = {}
+        self.sums = None
+        self.delays = max((row.arrival - row.origin for row in self.rows), default=0)  # the longest seen
         self.next_forget = self.now
+        self.careful_until = self.now  # sums are careful ones before this step,
+        self.care = limits.horizon  # and the next time for so many
 
     def copy(self) -> Self:
         """An independent copy; it builds its sums anew."""
         fork = object.__new__(type(self))
         fork.__dict__.update(self.__dict__)
         fork.steps, fork.rows = self.steps.copy(), self.rows.copy()
-        fork.by_key = {key: rows.copy() for key, rows in self.by_key.items()}
-        fork.active = fork.following = None
+        fork.sums = None
         return fork
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "active": None, "following": None}
-
-    def _index(self, row: Row) -> None:
-        self.by_key.setdefault(self._key(row), []).append(row)
-        self.spread = max(self.spread, row.arrival - row.origin)
+        return {**self.__dict__, "sums": None}
 
     # -- transitions -----------------------------------------------------------------------------------------
 
     def advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """One predict()."""
         super().advance(F, Q, known)
-        active, following, now = self.active, self.following, self.now
-        if active is None:
-            return
-        E = self.steps[-1].affine
-        active.advance(E)
-        self.tallies[now] = self.tallies[now - 1]
-        # The following block takes over, `overlap` steps old, when the table of the active one ends.
-        horizon, overlap = self.limits.horizon, max(1, self.limits.horizon // OVERLAP)
-        if following is not None:
-            following.advance(E)
-        elif now - active.boundary > horizon - overlap:
-            following = self.following = self._block(now - 1)
-            following.advance(E)
-        if following is not None:
-            for _ in range(min(OVERLAP + 1, horizon - overlap + 1 - len(following.suffixes))):
-                self._lengthen(following)  # a few at a time, so that no step is long
-            if now - active.boundary >= horizon:
-                self.active, self.following = following, None
+        if self.sums is not None:
+            self.sums.advance(self)
 
     def edit(self, delta: Array, after_rows: bool) -> None:
         """x was moved from outside."""
         super().edit(delta, after_rows)
-        if not after_rows:
-            for block in (self.active, self.following):
-                if block is not None:
-                    block.move(delta)
+        if not after_rows and self.sums is not None:
+            self.sums.move(delta)
 
     def add(self, row: Row) -> None:
         """A row that arrived now."""
         super().add(row)
         row = self.rows[-1]
-        spread, key = self.spread, self._key(row)
-        self._index(row)
-        active, following = self.active, self.following
-        if active is None:
-            return
-        newest = active.boundary if following is None else following.boundary
-        if self.spread > spread or key <= newest:
-            self.active = self.following = None  # the sums have no place for it
-            return
-        alone = row.origin == self.now and len(self.by_key[key]) == 1
-        for step in range(key, self.now + 1):
-            count, instants = self.tallies[step]
-            self.tallies[step] = count + 1, instants + alone
-        active.add(row.origin, row.gram)
-        if following is not None:
-            following.add(row.origin, row.gram)
+        self.delays = max(self.delays, self.now - row.origin)
+        if self.sums is not None and not self.sums.add(row, self.now):
+            self.sums = None
 
     def _compress(self) -> None:
         """Many rows of one step become few; the sums hold them already."""
         before = len(self.rows)
         super()._compress()
-        if len(self.rows) < before:
-            here = [row for row in self.rows[-3:] if row.arrival == row.origin == self.now]
-            self.by_key[self.now] = here
-            if self.active is not None:
-                count, instants = self.tallies[self.now - 1]
-                self.tallies[self.now] = count + len(here), instants + 1
+        if len(self.rows) < before and self.sums is not None:
+            self.sums.merged([row for row in self.rows[-3:] if row.arrival == row.origin == self.now])
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, two steps late: covariances are worked out afterwards."""
         if self.now < self.next_forget:
-            return  # in batches: a step costs the same at every horizon
-        self.next_forget = self.now + max(32, limits.reach // 2)
+            return
+        self.next_forget = self.now + FORGET_EVERY
         bound = self.now - limits.reach - 2
-        self.rows = [row for row in self.rows if self._key(row) > bound]
-        kept = bound - self.spread - limits.reach
-        for table in (self.by_key, self.tallies):
-            while table and (oldest := next(iter(table))) <= kept:
-                del table[oldest]
-        # The blocks still ask for the transitions from their frames on.
-        frames = [block.frame for block in (self.active, self.following) if block is not None]
-        first = min([bound, *frames, *(row.origin for row in self.rows)])
+        # In the order of arrival, and no row arrives before its origin.
+        del self.rows[: bisect_right(self.rows, bound, key=attrgetter("arrival"))]
+        first = bound - self.delays
+        if self.sums is not None:  # which still ask for the transitions from their frames on
+            first = min(first, self.sums.frame)
         while self.first < first:
             self.steps.popleft()
             self.first += 1
-
-    # -- blocks ----------------------------------------------------------------------------------------------
-
-    def _block(self, boundary: int) -> Block:
-        block = Block(boundary, boundary - self.spread, len(self.steps[-1].F))
-        for step in range(block.frame + 1, boundary + 1):
-            block.advance(self.step(step).affine)
-        return block
-
-    def _lengthen(self, block: Block) -> None:
-        """One more suffix: the rows of the next older key join, in the frame of the oldest origin."""
-        total, lead = block.suffixes[-1]
-        rows = self.by_key.get(block.boundary - len(block.suffixes) + 1, ())
-        for row in rows:
-            while block.oldest > row.origin:
-                E = self.step(block.oldest).affine
-                total, lead = E.T.dot(total.dot(E)), lead.dot(E)
-                block.oldest -= 1
-        ahead, step = None, block.oldest
-        for row in sorted(rows, key=lambda row: row.origin) if len(rows) > 1 else rows:
-            while step < row.origin:
-                step += 1
-                E = self.step(step).affine
-                ahead = E if ahead is None else E.dot(ahead)
-            total = total + (row.gram if ahead is None else ahead.T.dot(row.gram.dot(ahead)))
-        block.suffixes.append(Suffix(total, lead))
-
-    def _build(self) -> Block:
-        """All sums anew."""
-        horizon, now = self.limits.horizon, self.now
-        start = now - horizon - self.spread
-        count = instants = 0
-        self.tallies = {start - 1: (0, 0)}
-        for step in range(start, now + 1):
-            rows = self.by_key.get(step, ()) if step > now - horizon else ()
-            count += len(rows)
-            instants += any(row.origin == step for row in rows)
-            self.tallies[step] = count, instants
-        self.following, block = None, self._block(now)
-        for _ in range(horizon):
-            self._lengthen(block)
-        self.active = block
-        return block
 
     # -- the estimate ----------------------------------------------------------------------------------------
 
@@ -211,42 +116,59 @@ class Varying(Records):
         x = self._from_sums()
         if x is None:
             return super().solve(limits)
-        past = (Past(self, self.now, self.rows[-1] if self.rows else None),)
-        return Solution(
-            x if self.after is None else x + self.after,
-            Covariance(_covariance, past),
-            Covariance(_gain, past),
-            Covariance(_newest, past),
-            self._tally(0),
-        )
+        newest = self.rows[-1] if self.rows else None
+        x = x if self.after is None else x + self.after
+        return estimate_of(self, x, self.now, newest, self.window_rows)
 
-    def _tally(self, which: int) -> int:
-        tallies, before = self.tallies, self.now - self.limits.horizon
-        return tallies[self.now][which] - (tallies[before][which] if before in tallies else 0)
+    def joined(self, row: Row) -> Array | None:
+        """x with a row that arrived now; None, with nothing done, where the reference is needed."""
+        sums = self.sums
+        if not isinstance(sums, Frames) or not sums.take(row):
+            return None
+        if self.rows and self.rows[-1].arrival == self.now:
+            self._compress()
+        self.rows.append(row)
+        x = sums.estimate() if not self.limits.extends or self._enough(sums) else None
+        if x is None:
+            self.rows.pop()
+            self.sums = None
+        elif self.now >= self.next_forget:
+            self.forget(self.limits)
+        return x
 
-    def _enough(self, wanted: int) -> bool:
-        """Whether the window holds rows of so many origins."""
-        if self._tally(1) >= wanted:
-            return True
-        window = range(self.now, self.now - self.limits.horizon, -1)
-        return len({row.origin for key in window for row in self.by_key.get(key, ())}) >= wanted
+    @property
+    def window_rows(self) -> int:
+        """Rows in the window, as the sums count them."""
+        return 0 if self.sums is None else self.sums.rows
 
     def _from_sums(self) -> Array | None:
-        limits, now, block = self.limits, self.now, self.active
-        bound = now - limits.horizon
-        if block is None or not 0 <= block.boundary - bound < len(block.suffixes):
-            block = self._build()
-        if limits.extends and not self._enough(min(limits.horizon, limits.instants)):
+        sums = self.sums
+        if sums is None or (self.now >= self.careful_until and isinstance(sums, Suffixes)):
+            kind = Suffixes if self.now < self.careful_until else Frames
+            sums = self.sums = kind(self, self.limits, self.delays)
+        if self.limits.extends and not self._enough(sums):
             return None
-        total, ahead = block.window(bound)
-        Lam, Phi, flat = total[:-1, :-1], ahead[:-1, :-1], ahead.ravel()
-        factor, solution, info = cholesky_solver()(Lam, total[:-1, -1])
-        if info or not well_scaled(factor, Lam, WEAK_PIVOT**2):
-            return None
-        if flat.dot(flat) > GROWTH**2 and np.vdot(Phi, Phi) > GROWTH**2:
-            return None
-        x: Array = ahead[:-1, -1] - Phi.dot(solution)
+        x = sums.estimate()
+        if x is None and isinstance(sums, Frames):
+            self.careful_until, self.care = self.now + self.care, 2 * self.care
+            sums = self.sums = Suffixes(self, self.limits, self.delays)
+            x = sums.estimate()
         return x
+
+    def _enough(self, sums: Frames | Suffixes) -> bool:
+        """Whether the window holds rows of enough origins, so that it need not reach further back."""
+        wanted = min(self.limits.horizon, self.limits.instants)
+        if sums.instants >= wanted:
+            return True
+        bound = self.now - self.limits.horizon
+        return len({row.origin for row in self.rows if self._key(row) > bound}) >= wanted
+
+
+def estimate_of(engine: Varying, x: Array, now: int, newest: Row | None, rows: int) -> Solution:
+    """x, the estimate of a window as it stood at a step, and what can be asked about it."""
+    past = (Past(engine, now, newest),)
+    covariance, gain, newest_gain = (Covariance(later, past) for later in (_covariance, _gain, _newest))
+    return Solution(x, covariance, gain, newest_gain, rows)
 
 
 class Past(NamedTuple):

@@ -12,6 +12,7 @@ from .._arrays import Array
 from ..adaptive import HorizonBank, bank_candidates
 from ..engines.covariance import Covariance
 from ..engines.records import Records
+from ..engines.varying import Varying
 from ..gains import observability_index
 from ..window import whitener
 from ._live import Live
@@ -84,6 +85,9 @@ class Member(UFIRState):
         """The hot path is for the model that the ring was made for."""
         if all(old is getattr(self, name).value for name, old in zip(MODEL, self.anchor, strict=False)):
             super().warm()
+
+    def _enter(self, engine: Varying) -> None:
+        """Arguments come to a member checked and copied: nothing is left to be saved."""
 
     def fork(self) -> Member:
         """An independent copy."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array
 from ._live import Live
-from ._state import POSTED, PREDICTED
+from ._state import POSTED, PREDICTED, SLOW, TURNED
 from ._surface import FilterSurface
 
 
@@ -34,6 +34,12 @@ class HotState(Protocol):
 
     def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """update() where z alone is not all: False, with nothing done, where the slow path is needed."""
+
+    def turn(self, u: Any, B: Any, F: Any, Q: Any) -> bool:
+        """predict() while the model changes: likewise."""
+
+    def join(self, z: Any, R: Any, H: Any) -> bool:
+        """update() while the model changes: likewise."""
 
 
 class HotFilter(FilterSurface):
@@ -84,12 +90,17 @@ class HotFilter(FilterSurface):
             At the first verb, for a horizon that can never determine the state while a longer one could.
         """
         state: HotState = self._state  # type: ignore[assignment]
-        if state.mode and u is None and F is None and Q is None:
+        mode = state.mode
+        if mode and ((u is None and F is None and Q is None) or mode >= TURNED):
             x = state._x_handed
-            if (x is None or x.tobytes() == state._x_raw) and (state.mode == POSTED or state.coast()):
-                state._x_handed = None
-                state.mode = PREDICTED
-                return
+            if x is None or x.tobytes() == state._x_raw:
+                if mode == POSTED or (mode == PREDICTED and state.coast()):
+                    state._x_handed = None
+                    state.mode = PREDICTED
+                    return
+                if mode >= TURNED and state.turn(u, B, F, Q):
+                    state._x_handed = None
+                    return
         super().predict(u, B, F, Q)
 
     def update(
@@ -112,10 +123,11 @@ class HotFilter(FilterSurface):
             For wrong shapes, infinite values, an R that is no covariance, a delay that is no count.
         """
         state: HotState = self._state  # type: ignore[assignment]
-        if state.mode and delay.__class__ is int:
+        mode = state.mode
+        if SLOW < mode < TURNED and delay.__class__ is int:
             x = state._x_handed
             own = H is None
-            if own and x is None and R is None and not delay and state.mode == PREDICTED:
+            if own and x is None and R is None and not delay and mode == PREDICTED:
                 put = state.put
                 if state.read is not None and put is not None and put(z):
                     state.mode = POSTED
@@ -124,5 +136,10 @@ class HotFilter(FilterSurface):
             if regular and state.take(z, R, delay):
                 state._x_handed = None
                 state.mode = POSTED
+                return
+        elif mode >= TURNED and delay == 0:
+            x = state._x_handed
+            if (x is None or x.tobytes() == state._x_raw) and state.join(z, R, H):
+                state._x_handed = None
                 return
         super().update(z, R, H, delay=delay)

@@ -44,9 +44,11 @@ class Live:
         array = self._check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self._handed = value if same and value.flags.writeable else None
-        if array.shape == self.value.shape and array.tobytes() == self._raw:
+        raw = array.tobytes()
+        if raw == self._raw and array.shape == self.value.shape:
             return False
-        self._adopt(array)
+        array.flags.writeable = False
+        self.value, self._raw = array, raw
         return True
 
     def known(self, value: Any) -> Array | None:

@@ -16,8 +16,9 @@ from ..model import Model
 from ._live import Live
 from ._update import Update
 
-# Where a filter stands: on the slow path, or on the hot one after an update() or a predict().
-SLOW, POSTED, PREDICTED = 0, 1, 2
+# Where a filter stands: on the slow path; on the hot one of constant models after an update() or a predict();
+# likewise on that of models which change.
+SLOW, POSTED, PREDICTED, TURNED, TURNING = 0, 1, 2, 3, 4
 # Masks of measurements with every component present.
 _ALL: dict[int, NDArray[np.bool_]] = {size: np.ones(size, dtype=np.bool_) for size in range(1, 65)}
 
@@ -79,7 +80,7 @@ class FilterState:
 
     def hand_out(self, name: str) -> Array:
         """A model matrix, editable; edits count from the next verb on."""
-        self.leave()
+        self.touch()
         self.watching = True
         live: Live = getattr(self, name)
         return live.hand_out()
@@ -113,7 +114,7 @@ class FilterState:
 
     def assign(self, name: str, value: Any) -> None:
         """A model matrix assigned from outside."""
-        self.leave()
+        self.touch()
         live: Live = getattr(self, name)
         if live.assign(value):
             self._model_changed()
@@ -121,7 +122,7 @@ class FilterState:
 
     def assign_B(self, value: Any, dim_u: int) -> None:
         """The input matrix assigned from outside, None for no input."""
-        self.leave()
+        self.touch()
         self.B = None
         if value is not None:
             check = _Inputs(self.dim_x, dim_u)
@@ -132,6 +133,10 @@ class FilterState:
     def look(self) -> FilterState:
         """The state with every field worked out."""
         return self
+
+    def touch(self) -> None:
+        """A model matrix is about to be handed out or assigned."""
+        self.leave()
 
     def leave(self) -> None:
         """Leave the hot path, if there is one; edits in place may be half done and are not looked at."""

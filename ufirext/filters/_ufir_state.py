@@ -21,17 +21,17 @@ from ..engines.ring import Ring
 from ..engines.uneven import REGULAR, Point, Uneven, uneven
 from ..engines.varying import Varying
 from ._state import POSTED, PREDICTED, SLOW
-from ._window_state import MISSING, WINDOWS, WindowState, checked_horizon
+from ._varying_state import VaryingState
+from ._window_state import MISSING, WINDOWS, checked_horizon
 
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
 
 
-class UFIRState(WindowState):
-    """A window state with a hot path."""
+class UFIRState(VaryingState):
+    """A window state with a hot path for constant models as well."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z, horizon, missing, window)
-        self.mode = SLOW
         self.ring: Ring | None = None  # the engine, while the hot path holds
         self.put: Callable[[Any], bool] | None = None  # z into the ring
         self.read: Callable[[], Array] | None = None  # x of a full plain window, which can wait until read
@@ -39,15 +39,11 @@ class UFIRState(WindowState):
         self.plain_from = 0  # step since which there is a `read`
         self.uneven: Uneven | None = None  # the ring as it is used where there is none
         self.point: Point | None = None  # then: the last estimate
-        self.hot_x: Array | None = None  # x after the last step, None while it is due
-        self.opened: Point | None = (
-            None  # what the last update()'s step started from, None where `prior` tells
-        )
+        self.opened: Point | None = None  # what the last update()'s step started from; None: `prior` tells
         self.faced: Point | None = None  # what its row met
         self.came: int | None = None  # the age of its row, None where nothing came
         self.missed = 0  # hot steps without a measurement, in a row
         self.silent = 0  # of these, the last ones that had no update() either
-        self.seen = 0  # step up to which the published fields are worked out
 
     def _ring(self, now: int) -> Ring:
         self.put = self.readers = self.uneven = None
@@ -62,22 +58,23 @@ class UFIRState(WindowState):
     @property
     def ready(self) -> bool:
         """Whether the rows the window reaches determine the state."""
-        if self.mode and self._stand() is None:
+        if self.lane is None and self.mode and self._stand() is None:
             self.leave()
         return self.mode != SLOW or super().ready
 
     def warm(self) -> None:
         """Go over to the hot path if nothing stands against it."""
         ring, solution = self.engine, self.solution
-        if (
+        if self.ready_at != self.now or self.missing != "extend" or self._P_handed is not None:
+            return
+        if isinstance(ring, Varying):
+            self._enter(ring)
+        elif (
             isinstance(ring, Ring)
             and ring.inputs is None
             and ring.ordinary
             and solution is not None
-            and self.ready_at == self.now
-            and self.missing == "extend"
             and not self.watching
-            and self._P_handed is None
             and not (self.stale and self.policy == "auto")
             and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
         ):
@@ -161,13 +158,13 @@ class UFIRState(WindowState):
         """The estimate as it stands, which the next row meets; None where it takes the slow path."""
         if self.read is not None:
             ring, x = self._hot_ring(), self.read()
-            horizon = ring.limits.horizon
-            self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(horizon), horizon), ring.now, 0)
-        elif self.hot_x is None and self._due() is None:
+            length = ring.limits.horizon
+            self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(length), length), ring.now, 0)
+        elif self.hot_x is None and self._fetch() is None:
             return None
         return self.point
 
-    def _due(self) -> Array | None:
+    def _fetch(self) -> Array | None:
         """The estimate where it has been put off."""
         point = (self.uneven or self._hands()).estimate()
         if point is not None:
@@ -178,14 +175,18 @@ class UFIRState(WindowState):
         """x after the last hot update, in the client's form; None where it takes the slow path."""
         if self.read is not None:
             return self.read()
-        return self._due() if self.hot_x is None else self.hot_x
+        return self._fetch() if self.hot_x is None else self.hot_x
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
+            if self.lane is not None:
+                handed = self._x_handed = self.turned_x()
+                self._x_raw = handed.tobytes()
+                return handed
             x = self.hot_x
             if x is None:
-                x = self._due() if self.read is None else self.read()
+                x = self._fetch() if self.read is None else self.read()
             if x is not None:
                 if self.mode == PREDICTED:
                     x = self.F.value.dot(x)
@@ -202,13 +203,16 @@ class UFIRState(WindowState):
         """Work out what the hot path left out; every field is then what the slow path would have made it."""
         if not self.mode:
             return self
+        if self.lane is not None:
+            self._publish_turned(self.lane)
+            return self
         ring = self._hot_ring()
         now = ring.now - self.silent  # the step of the last update()
         if now != self.seen:
             self._catch_up(ring, now)
         self.x, self.P = self.post
         for _ in range(self.silent + (self.mode == PREDICTED)):
-            self.x, self.P = self.prior = self._ahead(self.x, self.P)
+            self.x, self.P = self.prior = self._predicted(self.x, self.P)
         if self._x_handed is not None:
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
         if self.solution is None:
@@ -252,16 +256,18 @@ class UFIRState(WindowState):
         solution = self._solved(point)
         x, P = solution.x, solution.covariance
         for _ in range(now - point[2]):
-            x, P = self._ahead(x, P)
+            x, P = self._predicted(x, P)
         return x, P
 
-    def _ahead(self, x: Array, P: Covariance) -> tuple[Array, Covariance]:
-        F = self.F.value
-        return F @ x, P.predicted(F, self.Q.value, self.fading)
+    def _predicted(self, x: Array, P: Covariance) -> tuple[Array, Covariance]:
+        return self.F.value @ x, P.predicted(self.F.value, self.Q.value, self.fading)
 
     def leave(self) -> None:
         """Leave the hot path."""
-        if self.mode:
+        if self.lane is not None:
+            self.look()
+            self._leave_lane(self.lane)
+        elif self.mode:
             self.look()
         if self.mode:
             self._cool()

@@ -37,15 +37,18 @@ class Update:
         """Innovation z - H x_prior, 0 where nothing was measured."""
         if self.z is None:
             return np.zeros(len(self.H))
+        if self.mask.all():
+            innovation: Array = self.z - self.H.dot(self.x)
+            return innovation
         return np.where(self.mask, np.where(self.mask, self.z, 0.0) - self.H @ self.x, 0.0)
 
     @cached_property
     def S(self) -> Array:
         """Innovation covariance H P_prior H' + R."""
-        S = self.H @ self.P.value @ self.H.T + self.R
+        S = self.P.innovation(self.H, self.R)
         if self.cross is not None:
-            S = S + self.H @ self.cross + self.cross.T @ self.H.T
-        return symmetric(S)
+            S = symmetric(S + self.H @ self.cross + self.cross.T @ self.H.T)
+        return S
 
     @cached_property
     def K(self) -> Array:

@@ -1,0 +1,215 @@
+"""The hot path of a UFIRFilter whose model changes from step to step.
+
+predict() and update() go straight to the engine's running sums and leave only x; what else a step publishes
+is worked out from the engine's records when somebody looks. `look` makes every field what the slow path would
+have made it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array
+from ..engines.covariance import Covariance
+from ..engines.frames import Frames
+from ..engines.records import Step
+from ..engines.varying import Varying, estimate_of
+from ..window import Row, quick_row
+from ._arguments import input_matrix, input_vector
+from ._state import SLOW, TURNED, TURNING
+from ._window_state import WindowState, engine_reach
+
+Estimate = tuple[Array, int, Row | None, int]
+
+
+class VaryingState(WindowState):
+    """A window state that need not leave its hot path when F, H, Q or R change."""
+
+    def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
+        super().__init__(dim_x, dim_z, horizon, missing, window)
+        self.mode = SLOW
+        self.lane: Varying | None = None  # the engine, while this hot path holds
+        self.hot_x: Array | None = None  # x after the last hot update, in the client's form
+        self.seen = 0  # step up to which the published fields are worked out
+        self.at = 0  # step of the last update(), which left hot_x
+        self.unseen = False  # whether that update() is still to be published
+        self.base: tuple[Array, int] = (self.x, 0)  # hot_x and `at` before it
+        # The last estimate and the one before it: x, step, newest row, rows in the window.
+        self.latest: Estimate = (self.x, 0, None, 0)
+        self.latest_before: Estimate = self.latest
+        self.told: Estimate = self.latest  # the one that the published fields go back to
+        self.given: tuple[Row | None, Array, Array] = (
+            None,
+            self.x,
+            self.x,
+        )  # of the last update(): row, H, R
+
+    def _enter(self, engine: Varying) -> None:
+        """Go over to the hot path, after an update() with an estimate, if nothing stands against it."""
+        if isinstance(engine.sums, Frames) and engine.after is None and not self._due():
+            self.mode, self.lane, self.unseen = TURNED, engine, False
+            self.seen = self.at = self.now
+            self.latest = (self.x, self.now, engine.rows[-1], engine.window_rows)
+            self.told = self.latest
+            self.hot_x = self.shaped(self.x)
+
+    def _due(self) -> bool:
+        """Whether the slow path has to look at the model, or for another engine."""
+        engine = self.engine
+        now = self.now if engine is None else engine.now
+        if now - self.irregular > engine_reach(self.limits):
+            return True
+        if self.stale and self.policy == "auto":
+            return self.refreshed is None or now - self.refreshed >= (self.horizon or 0)
+        return False
+
+    def touch(self) -> None:
+        """A model matrix is about to be handed out or assigned: steps keep their own, so nothing is lost."""
+        if self.lane is None:
+            self.leave()
+
+    # -- the verbs -------------------------------------------------------------------------------------------
+
+    def turn(
+        self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
+    ) -> bool:
+        """predict() on the hot path; False, with nothing done, where the slow path is needed."""
+        engine = self.lane
+        if engine is None or engine.sums is None:
+            return False
+        if self.watching:
+            self._look_again(self.F, self.Q, self.B)
+        now = engine.now
+        limits = self.limits
+        # The windows that covariances lean on must still be remembered when these are worked out.
+        if now - self.latest[1] > limits.reach - limits.horizon or self._due():
+            return False
+        F_now = self.F.value if F is None else self.F.taken(F)
+        Q_now = self.Q.value if Q is None else self.Q.taken(Q)
+        known = None
+        if u is not None and (B is not None or self.B is not None):
+            inputs = self.B.value if B is None and self.B is not None else input_matrix(B, self.dim_x)
+            known = inputs @ input_vector(u, inputs.shape[1])
+        if F is not None or Q is not None or known is not None:
+            self.irregular = now
+        engine.steps.append(Step(F_now, Q_now, known))
+        engine.now = now + 1
+        engine.sums.advance(engine)
+        self.mode = TURNING
+        return True
+
+    def join(self, z: Any, R: Any, H: Any) -> bool:
+        """update() on the hot path; False, with nothing done, where the slow path is needed."""
+        engine = self.lane
+        if engine is None or engine.sums is None:
+            return False
+        if self.watching:
+            self._look_again(self.H, self.R)
+        if z is None:
+            return H is None and R is None and self._blank(engine)
+        row = quick_row(engine.now, z, self.H.value if H is None else H, self.R.value if R is None else R)
+        if row is None or row.H.shape[1] != self.dim_x or engine.negligible(row):
+            return False
+        if H is not None:
+            row.H = H.copy()
+        if R is not None:
+            row.R = R.copy()
+        if self.mode == TURNED:
+            self.look()  # a second row of this step meets what the first one left
+        if H is not None or R is not None or self.mode == TURNED:
+            self.irregular = engine.now
+        return self._joined(engine, row)
+
+    def _joined(self, engine: Varying, row: Row) -> bool:
+        x = engine.joined(row)
+        if x is None:
+            return False
+        now = engine.now
+        self.base, self.latest_before = (self.hot_x, self.at), self.latest  # type: ignore[assignment]
+        self.hot_x = x.reshape(-1, 1) if self.form == 2 else x
+        self.at, self.latest, self.unseen, self.mode = now, (x, now, row, engine.window_rows), True, TURNED
+        self.given = row, row.H, row.R
+        return True
+
+    def _blank(self, engine: Varying) -> bool:
+        """update(None): nothing came."""
+        if self.mode == TURNED:
+            return False
+        self.base, self.latest_before = (self.hot_x, self.at), self.latest  # type: ignore[assignment]
+        self.hot_x = self._ahead(engine)
+        self.at, self.unseen, self.mode = engine.now, True, TURNED
+        self.given = None, self.H.value, self.R.value
+        return True
+
+    def _look_again(self, *matrices: Any) -> None:
+        for live in matrices:
+            if live is not None and live.watched and live.changed() and live is not self.B:
+                self._model_changed()
+
+    # -- what is worked out later ----------------------------------------------------------------------------
+
+    def _ahead(self, engine: Varying) -> Array:
+        """x now, from that of the last update()."""
+        x: Array = self.hot_x  # type: ignore[assignment]
+        for number in range(self.at + 1, engine.now + 1):
+            x = _moved(engine.step(number), x)
+        return x
+
+    def turned_x(self) -> Array:
+        """x of now, in the client's form, for the client to keep."""
+        engine: Varying = self.lane  # type: ignore[assignment]
+        x: Array = self.hot_x  # type: ignore[assignment]
+        return x.copy() if self.at == engine.now else self._ahead(engine)
+
+    def _publish_turned(self, engine: Varying) -> None:
+        """Every field as the slow path would have made it."""
+        if self.unseen:
+            self._publish_update(engine)
+        self.x, self.P = self.post
+        for number in range(self.at + 1, engine.now + 1):
+            step = engine.step(number)
+            self.x, self.P = self.prior = _moved(step, self.x), self.P.predicted(step.F, step.Q, self.fading)
+        if self._x_handed is not None:
+            self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
+
+    def _publish_update(self, engine: Varying) -> None:
+        (x, base), at, start, P = self.base, self.at, self.seen, self.post[1]
+        x = x.reshape(-1)
+        if self.latest_before is not self.told:
+            self.solution = estimate_of(engine, *self.latest_before)
+            self.ready_at = start = self.latest_before[1]
+            P = self.solution.covariance
+        for number in range(start + 1, at + 1):
+            step = engine.step(number)
+            P = P.predicted(step.F, step.Q, self.fading)
+        for number in range(base + 1, at + 1):
+            x = _moved(engine.step(number), x)
+        if base < at:
+            self.prior = x, P
+        row, H, R = self.given
+        self._last = (None if row is None else row.z, H, R, np.full(len(H), row is not None), x, P)
+        self.post = x, P
+        gain = Covariance.of(np.zeros((self.dim_x, 0)))
+        if row is not None:
+            solution = estimate_of(engine, *self.latest)
+            self.solution, self.ready_at, gain = solution, at, solution.newest_gain
+            self.post = solution.x, solution.covariance
+        self._last += (gain, None)
+        self.told = self.latest
+        self.now = self.seen = at
+        self.updated, self.unseen = True, False
+
+    def _leave_lane(self, engine: Varying) -> None:
+        if engine.now != self.at:
+            self.now, self.updated = engine.now, False
+        self.mode, self.lane = SLOW, None
+
+
+def _moved(step: Step, x: Array) -> Array:
+    ahead: Array = step.F.dot(x)
+    if step.known is None:
+        return ahead
+    return ahead + (step.known if x.ndim == 1 else step.known.reshape(-1, 1))
