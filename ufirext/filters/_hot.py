@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array
 from ._live import Live
-from ._state import POSTED, PREDICTED, TURNED
+from ._state import POSTED, PREDICTED, SLOW, TURNED
 from ._surface import FilterSurface
 
 
@@ -124,7 +124,7 @@ class HotFilter(FilterSurface):
         """
         state: HotState = self._state  # type: ignore[assignment]
         mode = state.mode
-        if 0 < mode < TURNED and delay.__class__ is int:
+        if SLOW < mode < TURNED and delay.__class__ is int:
             x = state._x_handed
             own = H is None
             if own and x is None and R is None and not delay and mode == PREDICTED:

@@ -38,9 +38,8 @@ class UFIRState(VaryingState):
         self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
         self.plain_from = 0  # step since which there is a `read`
         self.uneven: Uneven | None = None  # the ring as it is used where there is none
-        self.point: Point | None = None  # then: the last estimate; hot_x is None while it is due
-        # What the last update()'s step started from, None where `prior` tells.
-        self.opened: Point | None = None
+        self.point: Point | None = None  # then: the last estimate
+        self.opened: Point | None = None  # what the last update()'s step started from; None: `prior` tells
         self.faced: Point | None = None  # what its row met
         self.came: int | None = None  # the age of its row, None where nothing came
         self.missed = 0  # hot steps without a measurement, in a row
@@ -59,7 +58,7 @@ class UFIRState(VaryingState):
     @property
     def ready(self) -> bool:
         """Whether the rows the window reaches determine the state."""
-        if self.mode and self.lane is None and self._stand() is None:
+        if self.lane is None and self.mode and self._stand() is None:
             self.leave()
         return self.mode != SLOW or super().ready
 
@@ -159,13 +158,13 @@ class UFIRState(VaryingState):
         """The estimate as it stands, which the next row meets; None where it takes the slow path."""
         if self.read is not None:
             ring, x = self._hot_ring(), self.read()
-            horizon = ring.limits.horizon
-            self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(horizon), horizon), ring.now, 0)
-        elif self.hot_x is None and self._due() is None:
+            length = ring.limits.horizon
+            self.point = (x, Solution(x.reshape(-1), *ring.plan.lasting(length), length), ring.now, 0)
+        elif self.hot_x is None and self._fetch() is None:
             return None
         return self.point
 
-    def _due(self) -> Array | None:
+    def _fetch(self) -> Array | None:
         """The estimate where it has been put off."""
         point = (self.uneven or self._hands()).estimate()
         if point is not None:
@@ -176,18 +175,22 @@ class UFIRState(VaryingState):
         """x after the last hot update, in the client's form; None where it takes the slow path."""
         if self.read is not None:
             return self.read()
-        return self._due() if self.hot_x is None else self.hot_x
+        return self._fetch() if self.hot_x is None else self.hot_x
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
         if self._x_handed is None and self.mode:
-            x = self.hot_x if self.lane is None else self.turned_x()
+            if self.lane is not None:
+                handed = self._x_handed = self.turned_x()
+                self._x_raw = handed.tobytes()
+                return handed
+            x = self.hot_x
             if x is None:
-                x = self._due() if self.read is None else self.read()
+                x = self._fetch() if self.read is None else self.read()
             if x is not None:
                 if self.mode == PREDICTED:
                     x = self.F.value.dot(x)
-                elif self.lane is None and self.read is None:
+                elif self.read is None:
                     x = x.copy()
                 self._x_handed, self._x_raw = x, x.tobytes()
                 return x
@@ -209,7 +212,7 @@ class UFIRState(VaryingState):
             self._catch_up(ring, now)
         self.x, self.P = self.post
         for _ in range(self.silent + (self.mode == PREDICTED)):
-            self.x, self.P = self.prior = self._ahead(self.x, self.P)
+            self.x, self.P = self.prior = self._predicted(self.x, self.P)
         if self._x_handed is not None:
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
         if self.solution is None:
@@ -253,12 +256,11 @@ class UFIRState(VaryingState):
         solution = self._solved(point)
         x, P = solution.x, solution.covariance
         for _ in range(now - point[2]):
-            x, P = self._ahead(x, P)
+            x, P = self._predicted(x, P)
         return x, P
 
-    def _ahead(self, x: Array, P: Covariance) -> tuple[Array, Covariance]:
-        F = self.F.value
-        return F @ x, P.predicted(F, self.Q.value, self.fading)
+    def _predicted(self, x: Array, P: Covariance) -> tuple[Array, Covariance]:
+        return self.F.value @ x, P.predicted(self.F.value, self.Q.value, self.fading)
 
     def leave(self) -> None:
         """Leave the hot path."""
@@ -267,8 +269,8 @@ class UFIRState(VaryingState):
             self._leave_lane(self.lane)
         elif self.mode:
             self.look()
-            if self.mode:
-                self._cool()
+        if self.mode:
+            self._cool()
 
     def _cool(self) -> None:
         if self.mode == PREDICTED:
