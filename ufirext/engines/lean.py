@@ -14,6 +14,7 @@ from .._arrays import Array
 __all__ = ["Buffer", "intake", "reading"]
 
 FLOAT = np.dtype(float)
+ARRAY = np.ndarray
 
 
 class Buffer(Protocol):
@@ -43,7 +44,7 @@ def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
     def put(z: Any) -> bool:
         kind = z.__class__
         try:
-            if kind is np.ndarray:
+            if kind is ARRAY:
                 value = z.item() if z.ndim < 3 else np.inf
             else:
                 value = z if kind is float else float(z)
@@ -69,7 +70,7 @@ def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
     unpack: Callable[[Any], tuple[float, float]] = Struct("2d").unpack
 
     def put(z: Any) -> bool:
-        if z.__class__ is not np.ndarray or z.dtype is not FLOAT or z.ndim > 2:
+        if z.__class__ is not ARRAY or z.dtype is not FLOAT or z.ndim > 2:
             return False
         try:
             first, second = unpack(z)
@@ -98,7 +99,7 @@ def _intake_many(buffer: Buffer) -> Callable[[Any], bool]:
     pack_into, cells = numbers.pack_into, buffer.free.reshape(-1).data.cast("B")
 
     def put(z: Any) -> bool:
-        if z.__class__ is not np.ndarray or z.dtype is not FLOAT or z.ndim > 2:
+        if z.__class__ is not ARRAY or z.dtype is not FLOAT or z.ndim > 2:
             return False
         try:
             values = unpack(z)

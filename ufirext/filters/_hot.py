@@ -124,16 +124,15 @@ class HotFilter(FilterSurface):
         """
         state: HotState = self._state  # type: ignore[assignment]
         mode = state.mode
+        if mode == PREDICTED and R is None and H is None and delay == 0 and state._x_handed is None:
+            put = state.put
+            if put is not None and state.read is not None and put(z):
+                state.mode = POSTED
+                return
         if SLOW < mode < TURNED and delay.__class__ is int:
             x = state._x_handed
-            own = H is None
-            if own and x is None and R is None and not delay and mode == PREDICTED:
-                put = state.put
-                if state.read is not None and put is not None and put(z):
-                    state.mode = POSTED
-                    return
-            regular = (x is None or x.tobytes() == state._x_raw) and (own or state.H.known(H) is not None)
-            if regular and state.take(z, R, delay):
+            regular = x is None or x.tobytes() == state._x_raw
+            if regular and (H is None or state.H.known(H) is not None) and state.take(z, R, delay):
                 state._x_handed = None
                 state.mode = POSTED
                 return
