@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from .records import Limits, Records, Step
 
 # Squared pivots below this fraction of their diagonal entries: the normal equations would lose too much.
-LEAST = 1e-4
-# What is known may grow so far beyond what is estimated; then taking it off and adding it again loses digits.
-GROWTH = 1e4
+LEAST = 5e-4
+# Squared: what is known may be so many times as large as x; taking it off and adding it again costs digits.
+OUTGROWN = 1e3
 
 
 class Frames:
@@ -192,13 +192,12 @@ class Frames:
         for pivot, entry in zip(factor.diagonal().tolist(), self.scales.tolist(), strict=True):
             if not pivot * pivot >= LEAST * entry:
                 return None
-        both = self.both
-        if self.driven and np.vdot(both, both) > GROWTH**2:
-            n = self.dim_x
-            if np.vdot(both[:, :n], both[:, :n]) > GROWTH**2:
-                return None
         np.negative(solution, out=self.frame_x)
-        x: Array = both.dot(self.point)
+        x: Array = self.both.dot(self.point)
+        if self.driven:
+            known = self.both[:, self.dim_x]
+            if known.dot(known) > OUTGROWN * x.dot(x):
+                return None
         return x
 
     @property

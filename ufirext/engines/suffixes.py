@@ -17,11 +17,12 @@ import numpy as np
 from .._arrays import Array
 from .._lapack import cholesky_solver
 from ..window import Row, well_scaled
-from .frames import GROWTH
 from .records import Limits, Records
 
-# As there; what comes after these sums is slow but exact.
+# A scaled pivot below this: the normal equations would lose too much. What comes next is slow but exact.
 WEAK_PIVOT = 0.03
+# Transitions that grow beyond this over a window make start-referenced sums lose digits: likewise.
+GROWTH = 1e4
 # Two blocks are kept for one part in so many of the steps, in which the table of the next one is built.
 OVERLAP = 8
 

@@ -51,6 +51,7 @@ class Varying(Records):
         self.next_forget = self.now
         self.careful_until = self.now  # sums are careful ones before this step,
         self.care = limits.horizon  # and the next time for so many
+        self.lost: int | None = None  # the age at which quick ones have lost digits
 
     def copy(self) -> Self:
         """An independent copy; it builds its sums anew."""
@@ -123,15 +124,18 @@ class Varying(Records):
     def joined(self, row: Row) -> Array | None:
         """x with a row that arrived now; None, with nothing done, where the reference is needed."""
         sums = self.sums
-        if not isinstance(sums, Frames) or not sums.take(row):
+        if not isinstance(sums, Frames):
             return None
-        if self.rows and self.rows[-1].arrival == self.now:
+        again = bool(self.rows) and self.rows[-1].arrival == self.now
+        if (self.limits.extends and sums.instants + (not again) < self._wanted) or not sums.take(row):
+            return None
+        if again:
             self._compress()
         self.rows.append(row)
-        x = sums.estimate() if not self.limits.extends or self._enough(sums) else None
+        x = sums.estimate()
         if x is None:
             self.rows.pop()
-            self.sums = None
+            self.sums, self.lost = None, sums.age
         elif self.now >= self.next_forget:
             self.forget(self.limits)
         return x
@@ -144,24 +148,34 @@ class Varying(Records):
     def _from_sums(self) -> Array | None:
         sums = self.sums
         if sums is None or (self.now >= self.careful_until and isinstance(sums, Suffixes)):
-            kind = Suffixes if self.now < self.careful_until else Frames
-            sums = self.sums = kind(self, self.limits, self.delays)
+            sums = self.sums = self._summed_up()
         if self.limits.extends and not self._enough(sums):
             return None
         x = sums.estimate()
-        if x is None and isinstance(sums, Frames):
-            self.careful_until, self.care = self.now + self.care, 2 * self.care
-            sums = self.sums = Suffixes(self, self.limits, self.delays)
+        while x is None and isinstance(sums, Frames):
+            self.lost = sums.age
+            sums = self.sums = self._summed_up()
             x = sums.estimate()
         return x
 
+    def _summed_up(self) -> Frames | Suffixes:
+        """All sums anew: the quick ones, unless they have lost digits soon after they were made."""
+        lost, self.lost = self.lost, None
+        if lost is not None and 2 * lost < self.limits.horizon:
+            self.careful_until, self.care = self.now + self.care, 2 * self.care
+        kind = Suffixes if self.now < self.careful_until else Frames
+        return kind(self, self.limits, self.delays)
+
+    @property
+    def _wanted(self) -> int:
+        return min(self.limits.horizon, self.limits.instants)
+
     def _enough(self, sums: Frames | Suffixes) -> bool:
         """Whether the window holds rows of enough origins, so that it need not reach further back."""
-        wanted = min(self.limits.horizon, self.limits.instants)
-        if sums.instants >= wanted:
+        if sums.instants >= self._wanted:
             return True
         bound = self.now - self.limits.horizon
-        return len({row.origin for row in self.rows if self._key(row) > bound}) >= wanted
+        return len({row.origin for row in self.rows if self._key(row) > bound}) >= self._wanted
 
 
 def estimate_of(engine: Varying, x: Array, now: int, newest: Row | None, rows: int) -> Solution:
