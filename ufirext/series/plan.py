@@ -14,7 +14,7 @@ from ..model import Model
 from .growth import Head, head_of, head_states
 from .inputs import input_gain, trajectory
 from .summed import Summed
-from .toeplitz import PIECE, Convolution, convolution, convolve
+from .toeplitz import Convolution, convolution, convolve, piece
 
 __all__ = ["SeriesPlan", "model_with", "series_plan"]
 
@@ -107,7 +107,8 @@ class SeriesPlan:
     @property
     def alignment(self) -> int:
         """Chunks that begin at multiples of it have the bits of the whole series."""
-        return max(1, PIECE // self.convolution.block) * self.convolution.block
+        op = self.convolution
+        return max(1, piece(op.inputs, op.outputs) // op.block) * op.block
 
     def reach(self, lag: int | None = None, max_delay: int = 0) -> int:
         """Samples before a chunk that its estimates depend on: horizon - 1 + lag + the largest delay."""

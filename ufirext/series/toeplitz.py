@@ -19,7 +19,7 @@ import numpy as np
 
 from .._arrays import Array
 
-__all__ = ["PIECE", "Convolution", "Far", "convolution", "convolve", "moved"]
+__all__ = ["Convolution", "Far", "convolution", "convolve", "moved", "piece"]
 
 # Singular values below this fraction of the largest are rounding.
 NOISE = 4e-15
@@ -27,8 +27,8 @@ NOISE = 4e-15
 FAITHFUL = 4e-15
 # Shifts of the taps from which a basis of all of them is taken.
 SHIFTS = 6
-# A series is worked off in pieces of about so many samples, which stay in a processor's cache.
-PIECE = 16_384
+# A series is worked off in pieces of about so many numbers in and out, which stay in a processor's cache.
+NUMBERS = 98_304
 # What a product costs beside its multiplications, counted in them: columns come in multiples of LANES, a row
 # of the result costs ROW, a number of it ENTRY, or PACKED in products of more than SMALL multiplications,
 # which BLAS copies first, a sample (of many series, which do not lie side by side) MOVE, and a call CALL.
@@ -126,11 +126,17 @@ def _padded(op: Convolution, z: Any, wanted: int, xp: Any) -> Any:
 Choice = tuple[float, int]  # cost of a step, in multiplications, and block
 
 
-def convolution(taps: Array, steps: int = PIECE) -> Convolution:
+def piece(inputs: int, outputs: int) -> int:
+    """Samples of a piece."""
+    return NUMBERS // (inputs + outputs) or 1
+
+
+def convolution(taps: Array, steps: int | None = None) -> Convolution:
     """The cheapest way to convolve with `taps` (length, inputs, outputs), oldest sample first.
 
-    `steps` : so many at a time.
+    `steps` : so many at a time, by default a piece.
     """
+    steps = steps or piece(*taps.shape[1:])
     (_, single), (_, double) = _choice(*taps.shape, steps)
     while double and 3 * double <= len(taps):
         found = _two_levels(taps, double, steps)
