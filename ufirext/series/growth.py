@@ -27,7 +27,7 @@ __all__ = ["GROUP", "Basis", "Head", "basis_of", "head_of", "head_states", "move
 # Windows up to this length have a gain each; of minimum variance, whose gains cost more, so many longer ones.
 SHORT, SHORT_BEYOND = 32, 4
 # Entries of a matrix beyond which sums are cheaper.
-DENSE = 100_000
+DENSE = 25_000
 # Series that enter one product together; always so many, because bits depend on the size of a product.
 GROUP = 8
 # Sums of products of basis vectors that are conditioned worse than this lose too many digits.
