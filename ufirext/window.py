@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import hypot, inf
-from typing import Any
 
 import numpy as np
 
-from ._arrays import FLOAT, Array
+from ._arrays import Array
 from ._lapack import cholesky_solver
 from .model import Model
 
@@ -95,40 +93,6 @@ class Row:
         if self._information is None:
             self._information = sum(self.gram.diagonal()[:-1].tolist())
         return self._information
-
-
-def quick_row(now: int, z: Any, H: Any, R: Any) -> Row | None:
-    """A row of this step from arrays of floats, H and R not copied; None for whatever needs a closer look.
-
-    That is: other types and shapes, NaN, infinity, an R that is plainly no covariance, an H with a row of
-    zeros, which measures nothing.
-    """
-    if not (H.__class__ is R.__class__ is np.ndarray and H.dtype is R.dtype is FLOAT and H.ndim == 2):
-        return None
-    m = len(H)
-    if R.shape != (m, m):
-        return None
-    if z.__class__ is np.ndarray and z.dtype is FLOAT and z.shape in ((m, 1), (m,)):
-        flat = z.flatten()
-    elif z.__class__ is float and m == 1:
-        flat = np.array([z])
-    else:
-        return None
-    total = sum(flat.tolist())
-    if total - total != 0.0:
-        return None
-    information = 0.0
-    for numbers, variance in zip(H.tolist(), R.diagonal().tolist(), strict=True):
-        norm = hypot(*numbers)
-        if not (0.0 < norm < inf and 0.0 < variance < inf):
-            return None
-        information += norm * norm / variance
-    row = Row(now, now, H, R, flat)
-    if np.count_nonzero(R) == m:
-        row._information = information
-    elif R.tobytes() != R.T.tobytes() or not np.vdot(R, R) < inf:
-        return None
-    return row
 
 
 def well_scaled(factor: Array, matrix: Array, least: float) -> bool:

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.frames import Frames
+from ..engines.quick import quick_row
 from ..engines.records import Step
 from ..engines.varying import Varying, estimate_of
-from ..window import Row, quick_row
+from ..window import Row
 from ._arguments import input_matrix, input_vector
 from ._state import SLOW, TURNED, TURNING
 from ._window_state import WindowState, engine_reach
