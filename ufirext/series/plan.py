@@ -46,7 +46,7 @@ class SeriesPlan:
     SeriesPlan(UFIR, dim_x=2, dim_z=1, horizon=300, lag=0
       first estimate after 2 steps, full windows after 300
       full windows: blocks of 12 outputs, 2 levels, 64 multiplications a step (direct: 600)
-      alignment 16380, reach 299)
+      alignment 32760, reach 299)
     """
 
     kernel = staticmethod(convolve)
