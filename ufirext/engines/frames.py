@@ -18,7 +18,7 @@ import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
-from ..window import GOOD_PIVOT, Row
+from ..window import GOOD_PIVOT, Row, well_scaled
 
 if TYPE_CHECKING:
     from .records import Limits, Records, Step
@@ -51,7 +51,7 @@ class Frames:
         self.known[0, n :: n + 1] = 1.0
         self.start = np.concatenate([np.zeros((n, n + 1)), np.eye(n, n + 1)], axis=1)
         self.total = np.empty((n, 2 * n + 2))  # of the window, and parts of it
-        self.Lam, self.right, self.scales = self.total[:, :n], self.total[:, n], self.total[:, :n].diagonal()
+        self.Lam, self.right = self.total[:, :n], self.total[:, n]
         self.point = np.zeros(2 * n + 2)  # [x_f; 1; 0]
         self.point[n], self.frame_x = 1.0, self.point[:n]
         self._build(records, boundary)
@@ -126,11 +126,8 @@ class Frames:
         seen = row.H.dot(self.both)
         seen -= row.z[:, None].dot(self.known)
         factor, weighted, info = cholesky_solver()(row.R, seen)
-        if info:
+        if info or not well_scaled(factor, row.R, GOOD_PIVOT):
             return False
-        for pivot, variance in zip(factor.diagonal().tolist(), row.R.diagonal().tolist(), strict=True):
-            if not GOOD_PIVOT * variance <= pivot * pivot:
-                return False
         self._sum(seen.T.dot(weighted), self.age - 1)
         return True
 
@@ -187,11 +184,8 @@ class Frames:
         """x of least squares over the window, None where the digits would not do."""
         np.add(self.older[self.age], self.newer, out=self.total)
         factor, solution, info = cholesky_solver()(self.Lam, self.right)
-        if info:
+        if info or not well_scaled(factor, self.Lam, LEAST):
             return None
-        for pivot, entry in zip(factor.diagonal().tolist(), self.scales.tolist(), strict=True):
-            if not pivot * pivot >= LEAST * entry:
-                return None
         np.negative(solution, out=self.frame_x)
         x: Array = self.both.dot(self.point)
         if self.driven:

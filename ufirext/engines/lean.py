@@ -9,11 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import FLOAT, Array
 
 __all__ = ["Buffer", "intake", "reading"]
 
-FLOAT = np.dtype(float)
 ARRAY = np.ndarray
 
 

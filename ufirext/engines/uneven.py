@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import FLOAT, Array
 from .basis import Memory
 from .lean import intake
 from .records import Solution
@@ -22,7 +22,6 @@ from .slots import NEVER, ORDINARY
 
 __all__ = ["REGULAR", "Point", "Uneven", "uneven"]
 
-FLOAT = np.dtype(float)
 SIZE = FLOAT.itemsize
 # What became of a row: nothing was done; it has its slot; and so has every one of the last horizon.
 REFUSED, LAID, REGULAR = 0, 1, 2

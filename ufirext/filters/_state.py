@@ -6,13 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, covariance, finite, matrix, real, square
 from ..engines.covariance import Covariance
 from ..engines.records import measured
 from ..errors import ShapeError
 from ..model import Model
+from ._arguments import input_matrix, input_vector
 from ._live import Live
 from ._update import Update
 
@@ -163,13 +164,14 @@ class FilterState:
             self._move(finite(handed.reshape(self.dim_x).copy(), "x"))
 
     def _settle_matrices(self) -> None:
-        watching = False
-        for live in (self.F, self.H, self.Q, self.R, self.M, self.B):
-            if live is not None and live.watched:
-                if live.changed() and live is not self.B:
-                    self._model_changed()
-                watching |= live.watched
-        self.watching = watching
+        matrices = (self.F, self.H, self.Q, self.R, self.M, self.B)
+        self._look_again(*matrices)
+        self.watching = any(live is not None and live.watched for live in matrices)
+
+    def _look_again(self, *matrices: Live | None) -> None:
+        for live in matrices:
+            if live is not None and live.watched and live.changed() and live is not self.B:
+                self._model_changed()
 
     def _move(self, x: Array) -> None:
         before, self.x = self.x, x
@@ -181,6 +183,18 @@ class FilterState:
         self._x_handed = self._P_handed = None
 
     # -- the two transitions ---------------------------------------------------------------------------------
+
+    def transition(
+        self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
+    ) -> tuple[Array, Array, Array | None]:
+        """F, Q and the known change of the state, of predict()'s arguments and the attributes."""
+        F_now = self.F.value if F is None else self.F.taken(F)
+        Q_now = self.Q.value if Q is None else self.Q.taken(Q)
+        known = None
+        if u is not None and (B is not None or self.B is not None):
+            inputs = self.B.value if B is None and self.B is not None else input_matrix(B, self.dim_x)
+            known = inputs @ input_vector(u, inputs.shape[1])
+        return F_now, Q_now, known
 
     def predict(self, F: Array, Q: Array, known: Array | None) -> None:
         """Time update by F, Q and a known change of the state."""

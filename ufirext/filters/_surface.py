@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, covariance, integer, matrix, real
 from ..errors import ShapeError
-from ._arguments import input_matrix, input_vector, measurement
+from ._arguments import measurement
 from ._attributes import Attributes
 from ._describe import describe
 from ._series import PerStep, run_series, smooth_series
@@ -61,19 +61,7 @@ class FilterSurface(Attributes):
         if u is None and F is None and Q is None:
             state.predict(state.F.value, state.Q.value, None)
         else:
-            state.predict(*self._transition(u, B, F, Q))
-
-    def _transition(
-        self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
-    ) -> tuple[Array, Array, Array | None]:
-        state, n = self._state, self.dim_x
-        F_now = state.F.value if F is None else state.F.taken(F)
-        Q_now = state.Q.value if Q is None else state.Q.taken(Q)
-        known = None
-        if u is not None and (B is not None or state.B is not None):
-            inputs = state.B.value if B is None and state.B is not None else input_matrix(B, n)
-            known = inputs @ input_vector(u, inputs.shape[1])
-        return F_now, Q_now, known
+            state.predict(*state.transition(u, B, F, Q))
 
     def update(
         self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None, *, delay: int = 0
@@ -289,7 +277,7 @@ class FilterSurface(Attributes):
     ) -> None:
         """Check that the matrices fit together; AssertionError (and ValueError) where they do not."""
         try:
-            self._transition(None, None, F, Q)
+            self._state.transition(None, None, F, Q)
             _, H_now, _ = self._measurement(None, R, H)
             measurement(z, len(H_now))
         except ValueError as error:

@@ -19,7 +19,6 @@ from ..engines.quick import quick_row
 from ..engines.records import Step
 from ..engines.varying import Varying, estimate_of
 from ..window import Row
-from ._arguments import input_matrix, input_vector
 from ._state import SLOW, TURNED, TURNING
 from ._window_state import WindowState, engine_reach
 
@@ -88,17 +87,10 @@ class VaryingState(WindowState):
         # The windows that covariances lean on must still be remembered when these are worked out.
         if now - self.latest[1] > limits.reach - limits.horizon or self._review():
             return False
-        F_now = self.F.value if F is None else self.F.taken(F)
-        Q_now = self.Q.value if Q is None else self.Q.taken(Q)
-        known = None
-        if u is not None and (B is not None or self.B is not None):
-            inputs = self.B.value if B is None and self.B is not None else input_matrix(B, self.dim_x)
-            known = inputs @ input_vector(u, inputs.shape[1])
+        F_now, Q_now, known = self.transition(u, B, F, Q)
         if F is not None or Q is not None or known is not None:
             self.irregular = now
-        engine.steps.append(Step(F_now, Q_now, known))
-        engine.now = now + 1
-        engine.sums.advance(engine)
+        engine.advance(F_now, Q_now, known)
         self.mode = TURNING
         return True
 
@@ -144,11 +136,6 @@ class VaryingState(WindowState):
         self.at, self.unseen, self.mode = engine.now, True, TURNED
         self.given = None, self.H.value, self.R.value
         return True
-
-    def _look_again(self, *matrices: Any) -> None:
-        for live in matrices:
-            if live is not None and live.watched and live.changed() and live is not self.B:
-                self._model_changed()
 
     # -- what is worked out later ----------------------------------------------------------------------------
 
