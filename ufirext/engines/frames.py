@@ -1,7 +1,7 @@
 """Running sums over a window in a frame of its own: a handful of small products a step, at any length.
 
-Everything is in the coordinates [x; 1]: x_j = [Phi c] [x_f; 1] holds known inputs in c, and [H Phi, H c - z]
-times [x_f; 1] is the noise of a row, of covariance R.
+Everything is in the coordinates [x; -1]: x_j = [Phi, -c] [x_f; -1] holds known inputs in c, and
+[H Phi, z - H c] times [x_f; -1] is the noise of a row, of covariance R.
 
 Time is cut into blocks as long as the horizon. While a block runs, all rows of the window are summed up in
 the frame of x_f, f the boundary one horizon before the block: rows of the block in one sum that grows, older
@@ -12,7 +12,7 @@ the next table is one cumulative sum. All products go forward and nothing is eve
 from __future__ import annotations
 
 from itertools import accumulate
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,35 @@ LEAST = 5e-4
 OUTGROWN = 1e3
 
 
+class Hands(NamedTuple):
+    """Room for a row of m components on its way into the sums: products between arrays that stay, most of
+    the time of which is saved by not making new ones.
+    """
+
+    H: Array  # part of `row`
+    z: Array  # likewise
+    row: Array  # [H, z], (m, k)
+    seen: Array  # in both frames, (m, 2 k)
+    precision: memoryview  # the diagonal of R^-1
+    weigh: Any  # R^-1 times
+    weighted: Array
+    present: Any  # times a part of `seen`: the row's gram in the present frame,
+    in_present: Array
+    following: Any  # and in the following one
+    in_following: Array
+
+    @classmethod
+    def of(cls, m: int, n: int) -> Hands:
+        """For n states."""
+        k = n + 1
+        row, seen, weighted = np.zeros((m, k)), np.zeros((m, 2 * k)), np.zeros((m, 2 * k))
+        inverse = np.zeros((m, m))
+        diagonal = inverse.reshape(-1)[:: m + 1].data
+        present, following = weighted[:, :k].T.dot, weighted[:, k:].T.dot
+        places = row[:, :n], row[:, n], row, seen, diagonal, inverse.dot, weighted
+        return cls(*places, present, seen[:, :n], following, seen[:, k:-1])
+
+
 class Frames:
     """Sums of the rows of a window in the frame before it.
 
@@ -38,46 +67,57 @@ class Frames:
     def __init__(self, records: Records, limits: Limits, delays: int) -> None:
         horizon, boundary = limits.horizon, records.now
         n = len(records.steps[-1].F)
+        k = n + 1
         self.dim_x, self.horizon, self.delays, self.by_arrival = n, horizon, delays, limits.by_arrival
         self.driven = any(step.known is not None for step in records.steps)
-        # [Lam | -eta] of the rows of a block by the step they count for, in the next block's frame.
-        self.grams = np.zeros((horizon, n, n + 1))
-        # Of the rows of the block in this frame, and of those before it from a step on. The right halves mean
-        # nothing: adding whole rows of a product takes a third of the time that adding a part of them does.
-        self.newer = np.zeros((n, 2 * n + 2))
-        self.older = np.zeros((horizon + 1, n, 2 * n + 2))
-        self.second = slice(n + 1, 2 * n + 1), slice(n + 1, None)
-        self.known = np.zeros((1, 2 * n + 2))  # the two columns of c
-        self.known[0, n :: n + 1] = 1.0
-        self.start = np.concatenate([np.zeros((n, n + 1)), np.eye(n, n + 1)], axis=1)
-        self.total = np.empty((n, 2 * n + 2))  # of the window, and parts of it
-        self.Lam, self.right = self.total[:, :n], self.total[:, n]
-        self.point = np.zeros(2 * n + 2)  # [x_f; 1; 0]
-        self.point[n], self.frame_x = 1.0, self.point[:n]
+        # Sums are [Lam; eta'], (k, n). Of the rows of a block by the step they count for, in the next block's
+        # frame; in this block's frame of its rows, and of those before it from a step on.
+        self.grams, self.newer = np.zeros((horizon, k, n)), np.zeros((k, n))
+        self.older = np.zeros((horizon + 1, k, n))
+        self.gram_at, self.older_at = list(self.grams), list(self.older)  # looking up beats slicing
+        self.gram = np.zeros((k, n))  # one row's
+        # The window's sum, whose Lam becomes its factor and whose eta becomes x_f, to be met by [Phi, -c, ..].
+        room = np.zeros(n * n + 2 * k)
+        self.total, self.point = room[: k * n].reshape(k, n), room[n * n :]
+        self.Lam, self.diagonal, self.right = self.total[:n].T, room[: n * n : k], self.total[n:].T
+        self.point[n] = -1.0
+        # Products from both frames to now, side by side above their row of ones, (k, 2 k), and room for the
+        # next ones; `tops` are [Phi, -c, Phi, -c] alone.
+        self.now, self.top = self._start()
+        self.ahead, self.ahead_top = self._start()
+        self.hands: dict[int, Hands] = {}
         self._build(records, boundary)
+
+    def _start(self) -> tuple[Array, Array]:
+        both = np.concatenate([np.eye(self.dim_x + 1)] * 2, axis=1)
+        return both, both[: self.dim_x]
 
     def _build(self, records: Records, boundary: int) -> None:
         """All sums from the records."""
-        n, horizon, frame = self.dim_x, self.horizon, boundary - self.horizon - self.delays
-        products = [self.start]
+        horizon, frame = self.horizon, boundary - self.horizon - self.delays
+        products = [self.now.copy()]
         for step in range(frame + 1, boundary + 1):
-            products.append(self._moved(records.step(step), products[-1]))
+            self._move_on(records.step(step))
+            products.append(self.now.copy())
         rows, instants = [0] * horizon, [0] * horizon
         for row in records.rows:
             place = (row.arrival if self.by_arrival else row.origin) - boundary + horizon - 1
             if place >= 0:
-                self.grams[place] += self._gram(row, products[row.origin - frame])[self.second]
+                self.grams[place] += self._grams(row, products[row.origin - frame])[1]
                 instants[place] += rows[place] == 0 and row.origin == row.arrival
                 rows[place] += 1
         # Rows before each step of the block, and steps that brought a row of their own.
         self.rows_until = list(accumulate(rows, initial=0))
         self.instants_until = list(accumulate(instants, initial=0))
         self.all_rows, self.all_instants = self.rows_until.pop(), self.instants_until.pop()
-        self._begin(boundary, [both[:, n + 1 :] for both in products[horizon:]], records)
+        self._begin(boundary, products[horizon:], records)
 
-    def _begin(self, boundary: int, leads: list[Array], records: Records) -> None:
-        """A new block; `leads` are the products from its frame to the steps boundary - delays .. boundary."""
-        np.add.accumulate(self.grams[::-1], axis=0, out=self.older[-2::-1, :, : self.dim_x + 1])
+    def _begin(self, boundary: int, trail: list[Array], records: Records) -> None:
+        """A new block; `trail` holds the products to the steps boundary - delays .. boundary, of which those
+        of the following frame are now the present one's.
+        """
+        k = self.dim_x + 1
+        np.add.accumulate(self.grams[::-1], axis=0, out=self.older[-2::-1])
         self.grams.fill(0.0)
         self.newer.fill(0.0)
         self.earlier_rows, self.earlier_instants = self.rows_until, self.instants_until
@@ -85,83 +125,102 @@ class Frames:
         self.earlier_instants.append(self.all_instants)
         self.rows_until, self.instants_until = [], []
         self.boundary, self.age = boundary, 0
-        # Products from both frames to every step from boundary - delays on, side by side.
-        both, k = self.start.copy(), self.dim_x + 1
         self.trail: list[Array] = []
-        for step, lead in enumerate(leads, boundary - self.delays):
+        self.now, self.top = self._start()
+        for step, products in enumerate(trail, boundary - self.delays):
             if self.trail:
-                both = self._moved(records.step(step), both)
-            both[:, :k] = lead
-            self.trail.append(both)
-        self.both = both
+                self._move_on(records.step(step))
+            self.now[:, :k] = products[:, k:]
+            self.trail.append(self.now.copy())
 
-    def _moved(self, step: Step, both: Array) -> Array:
-        ahead: Array = step.F.dot(both)
+    def _move_on(self, step: Step) -> None:
+        """One more transition."""
+        step.F.dot(self.top, self.ahead_top)
+        self.now, self.top, self.ahead, self.ahead_top = self.ahead, self.ahead_top, self.now, self.top
         if step.known is not None:
-            self.driven = True
-            ahead += step.known[:, None].dot(self.known)
-        return ahead
+            self._shift(step.known)
+
+    def _shift(self, known: Array) -> None:
+        self.driven = True
+        self.top[:, self.dim_x :: self.dim_x + 1] -= known[:, None]
 
     def advance(self, records: Records) -> None:
         """One more transition, the newest of the records."""
         if self.age == self.horizon:
-            last = self.trail[-1 - self.delays :] if self.delays else [self.both]
-            self._begin(self.boundary + self.horizon, [both[:, self.dim_x + 1 :] for both in last], records)
+            last = self.trail[-1 - self.delays :] if self.delays else [self.now]
+            self._begin(self.boundary + self.horizon, last, records)
         self.age += 1
         self.rows_until.append(self.all_rows)
         self.instants_until.append(self.all_instants)
-        self.both = self._moved(records.steps[-1], self.both)
+        self._move_on(records.steps[-1])
         if self.delays:
-            self.trail.append(self.both)
+            self.trail.append(self.now.copy())
 
     def move(self, delta: Array) -> None:
         """x of now was moved by delta."""
-        self.both = self.trail[-1] = self.both + delta[:, None].dot(self.known)
-        self.driven = True
+        self._shift(delta)
+        if self.delays:
+            self.trail[-1] = self.now.copy()
+
+    # -- rows ------------------------------------------------------------------------------------------------
 
     def take(self, row: Row) -> bool:
         """A row of this step, with nothing about it; False, with nothing done, where R is hardly regular."""
-        if not self.age:
+        place = self.age - 1
+        if place < 0:
             return False
-        seen = row.H.dot(self.both)
-        seen -= row.z[:, None].dot(self.known)
-        factor, weighted, info = cholesky_solver()(row.R, seen)
-        if info or not well_scaled(factor, row.R, GOOD_PIVOT):
-            return False
-        self._sum(seen.T.dot(weighted), self.age - 1)
+        m = len(row.H)
+        hands = self.hands.get(m) or self._hands(m)
+        H, z, whole, seen, precision, weigh, weighted, present, part, following, other = hands
+        H[...] = row.H
+        z[...] = row.z
+        whole.dot(self.now, seen)
+        if row.precision is None:
+            factor, solution, info = cholesky_solver()(row.R, seen)
+            if info or not well_scaled(factor, row.R, GOOD_PIVOT):
+                return False
+            weighted[...] = solution
+        else:
+            for component, weight in enumerate(row.precision):
+                precision[component] = weight
+            weigh(seen, weighted)
+        self.newer += present(part, self.gram)
+        if self.all_rows > self.rows_until[-1]:
+            self.gram_at[place] += following(other)
+        else:
+            following(other, self.gram_at[place])
+            self.all_instants += 1
+        self.all_rows += 1
         return True
+
+    def _hands(self, m: int) -> Hands:
+        hands = self.hands[m] = Hands.of(m, self.dim_x)
+        return hands
 
     def add(self, row: Row, now: int) -> bool:
         """A row that arrived now; False where these sums have no place for it."""
         late = now - row.origin
-        both, place = self.both, self.age - 1
-        if late:
-            both = self.trail[row.origin - self.boundary + self.delays] if late <= self.delays else both
-            place -= 0 if self.by_arrival else late
+        place = self.age - 1 - (0 if self.by_arrival else late)
         if late > self.delays or place < 0:
             return False
-        self._sum(self._gram(row, both), place, bool(late))
+        products = self.trail[row.origin - self.boundary + self.delays] if late else self.now
+        present, following = self._grams(row, products)
+        self.newer += present
+        self.grams[place] += following
+        self.all_instants += not late and self.all_rows == self.rows_until[-1]
+        self.all_rows += 1
         if late and not self.by_arrival:
             for step in range(place + 1, self.age):
                 self.rows_until[step] += 1
         return True
 
-    def _gram(self, row: Row, both: Array) -> Array:
-        """Of any row, in both frames."""
-        white = row.affine
-        seen = white[:, :-1].dot(both)
-        seen += white[:, -1:].dot(self.known)
-        gram: Array = seen.T.dot(seen)
-        return gram
-
-    def _sum(self, gram: Array, place: int, late: bool = False) -> None:
-        self.newer += gram[: self.dim_x]
-        if late or self.all_rows > self.rows_until[-1]:
-            self.grams[place] += gram[self.second]
-        else:
-            self.grams[place] = gram[self.second]
-            self.all_instants += 1
-        self.all_rows += 1
+    def _grams(self, row: Row, products: Array) -> tuple[Array, Array]:
+        """Of any row, in the present frame and in the following one."""
+        n, k = self.dim_x, self.dim_x + 1
+        white = row.affine.copy()
+        white[:, n] *= -1.0
+        seen = white.dot(products)
+        return seen[:, :k].T.dot(seen[:, :n]), seen[:, k:].T.dot(seen[:, k:-1])
 
     def merged(self, rows: list[Row]) -> None:
         """The rows of this step became these; the sums hold them already."""
@@ -180,16 +239,20 @@ class Frames:
         """Steps of the window that brought a row of their own: it has at least so many origins."""
         return self.all_instants - self.earlier_instants[self.age]
 
+    # -- the estimate ----------------------------------------------------------------------------------------
+
     def estimate(self) -> Array | None:
         """x of least squares over the window, None where the digits would not do."""
-        np.add(self.older[self.age], self.newer, out=self.total)
-        factor, solution, info = cholesky_solver()(self.Lam, self.right)
-        if info or not well_scaled(factor, self.Lam, LEAST):
+        np.add(self.older_at[self.age], self.newer, self.total)
+        entries = self.diagonal.tolist()
+        if cholesky_solver()(self.Lam, self.right, 0, 1, 1)[2]:
             return None
-        np.negative(solution, out=self.frame_x)
-        x: Array = self.both.dot(self.point)
+        for pivot, entry in zip(self.diagonal.tolist(), entries, strict=True):
+            if not pivot * pivot >= LEAST * entry:
+                return None
+        x: Array = self.top.dot(self.point)
         if self.driven:
-            known = self.both[:, self.dim_x]
+            known = self.top[:, self.dim_x]
             if known.dot(known) > OUTGROWN * x.dot(x):
                 return None
         return x

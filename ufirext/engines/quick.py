@@ -34,7 +34,8 @@ def quick_row(now: int, z: Any, H: Any, R: Any) -> Row | None:
     if total - total != 0.0:
         return None
     information = 0.0
-    for numbers, variance in zip(H.tolist(), R.diagonal().tolist(), strict=True):
+    variances = R.diagonal().tolist()
+    for numbers, variance in zip(H.tolist(), variances, strict=True):
         norm = hypot(*numbers)
         if not (0.0 < norm < inf and 0.0 < variance < inf):
             return None
@@ -42,6 +43,7 @@ def quick_row(now: int, z: Any, H: Any, R: Any) -> Row | None:
     row = Row(now, now, H, R, flat)
     if np.count_nonzero(R) == m:
         row._information = information
+        row.precision = [1.0 / variance for variance in variances]
     elif R.tobytes() != R.T.tobytes() or not np.vdot(R, R) < inf:
         return None
     return row
