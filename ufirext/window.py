@@ -36,8 +36,7 @@ class Row:
     `shift` is the known change of the state between the reference of its origin and the row (an edit of x
     made within the same step, before this row came), None when there is none. `correlation`,
     (dim_x, rows of H), is E[e v'] with the process noise w = root(Q) e, cov e = 1, that entered at the step
-    of its origin; None where v knows nothing of it. `precision` is the diagonal of R^-1 where R is known to be
-    diagonal.
+    of its origin; None where v knows nothing of it.
     """
 
     origin: int
@@ -47,7 +46,6 @@ class Row:
     z: Array
     shift: Array | None = None
     correlation: Array | None = None
-    precision: Sequence[float] | None = field(default=None, init=False, repr=False)
     _raw: Array | None = field(default=None, init=False, repr=False)
     _gram: Array | None = field(default=None, init=False, repr=False)
     _information: float | None = field(default=None, init=False, repr=False)

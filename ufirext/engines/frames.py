@@ -18,9 +18,10 @@ import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
-from ..window import GOOD_PIVOT, Row, well_scaled
+from .hands import Hands, QuickRow
 
 if TYPE_CHECKING:
+    from ..window import Row
     from .records import Limits, Records, Step
 
 # Squared pivots below this fraction of their diagonal entries: the normal equations would lose too much.
@@ -29,33 +30,18 @@ LEAST = 5e-4
 OUTGROWN = 1e3
 
 
-class Hands(NamedTuple):
-    """Room for a row of m components on its way into the sums: products between arrays that stay, most of
-    the time of which is saved by not making new ones.
-    """
+class Products(NamedTuple):
+    """Transitions from two frames to a step, side by side."""
 
-    H: Array  # part of `row`
-    z: Array  # likewise
-    row: Array  # [H, z], (m, k)
-    seen: Array  # in both frames, (m, 2 k)
-    precision: memoryview  # the diagonal of R^-1
-    weigh: Any  # R^-1 times
-    weighted: Array
-    present: Any  # times a part of `seen`: the row's gram in the present frame,
-    in_present: Array
-    following: Any  # and in the following one
-    in_following: Array
+    both: Array  # [Phi, -c, Phi, -c] above a row of ones for the -1s, (k, 2 k)
+    top: Array  # without that row
+    turned: Array  # transposed
 
     @classmethod
-    def of(cls, m: int, n: int) -> Hands:
-        """For n states."""
-        k = n + 1
-        row, seen, weighted = np.zeros((m, k)), np.zeros((m, 2 * k)), np.zeros((m, 2 * k))
-        inverse = np.zeros((m, m))
-        diagonal = inverse.reshape(-1)[:: m + 1].data
-        present, following = weighted[:, :k].T.dot, weighted[:, k:].T.dot
-        places = row[:, :n], row[:, n], row, seen, diagonal, inverse.dot, weighted
-        return cls(*places, present, seen[:, :n], following, seen[:, k:-1])
+    def start(cls, n: int) -> Products:
+        """Those to the frames themselves."""
+        both = np.concatenate([np.eye(n + 1)] * 2, axis=1)
+        return cls(both, both[:n], both.T)
 
 
 class Frames:
@@ -81,24 +67,17 @@ class Frames:
         self.total, self.point = room[: k * n].reshape(k, n), room[n * n :]
         self.Lam, self.diagonal, self.right = self.total[:n].T, room[: n * n : k], self.total[n:].T
         self.point[n] = -1.0
-        # Products from both frames to now, side by side above their row of ones, (k, 2 k), and room for the
-        # next ones; `tops` are [Phi, -c, Phi, -c] alone.
-        self.now, self.top = self._start()
-        self.ahead, self.ahead_top = self._start()
+        self.now, self.ahead = Products.start(n), Products.start(n)  # the second is room for the next step's
         self.hands: dict[int, Hands] = {}
         self._build(records, boundary)
-
-    def _start(self) -> tuple[Array, Array]:
-        both = np.concatenate([np.eye(self.dim_x + 1)] * 2, axis=1)
-        return both, both[: self.dim_x]
 
     def _build(self, records: Records, boundary: int) -> None:
         """All sums from the records."""
         horizon, frame = self.horizon, boundary - self.horizon - self.delays
-        products = [self.now.copy()]
+        products = [self.now.both.copy()]
         for step in range(frame + 1, boundary + 1):
             self._move_on(records.step(step))
-            products.append(self.now.copy())
+            products.append(self.now.both.copy())
         rows, instants = [0] * horizon, [0] * horizon
         for row in records.rows:
             place = (row.arrival if self.by_arrival else row.origin) - boundary + horizon - 1
@@ -126,76 +105,72 @@ class Frames:
         self.rows_until, self.instants_until = [], []
         self.boundary, self.age = boundary, 0
         self.trail: list[Array] = []
-        self.now, self.top = self._start()
+        self.now = Products.start(self.dim_x)
         for step, products in enumerate(trail, boundary - self.delays):
             if self.trail:
                 self._move_on(records.step(step))
-            self.now[:, :k] = products[:, k:]
-            self.trail.append(self.now.copy())
+            self.now.both[:, :k] = products[:, k:]
+            self.trail.append(self.now.both.copy())
 
     def _move_on(self, step: Step) -> None:
         """One more transition."""
-        step.F.dot(self.top, self.ahead_top)
-        self.now, self.top, self.ahead, self.ahead_top = self.ahead, self.ahead_top, self.now, self.top
+        now, ahead = self.now, self.ahead
+        step.F.dot(now.top, ahead.top)
+        self.now, self.ahead = ahead, now
         if step.known is not None:
             self._shift(step.known)
 
     def _shift(self, known: Array) -> None:
         self.driven = True
-        self.top[:, self.dim_x :: self.dim_x + 1] -= known[:, None]
+        self.now.top[:, self.dim_x :: self.dim_x + 1] -= known[:, None]
 
     def advance(self, records: Records) -> None:
         """One more transition, the newest of the records."""
         if self.age == self.horizon:
-            last = self.trail[-1 - self.delays :] if self.delays else [self.now]
+            last = self.trail[-1 - self.delays :] if self.delays else [self.now.both]
             self._begin(self.boundary + self.horizon, last, records)
         self.age += 1
         self.rows_until.append(self.all_rows)
         self.instants_until.append(self.all_instants)
         self._move_on(records.steps[-1])
         if self.delays:
-            self.trail.append(self.now.copy())
+            self.trail.append(self.now.both.copy())
 
     def move(self, delta: Array) -> None:
         """x of now was moved by delta."""
         self._shift(delta)
         if self.delays:
-            self.trail[-1] = self.now.copy()
+            self.trail[-1] = self.now.both.copy()
 
     # -- rows ------------------------------------------------------------------------------------------------
 
-    def take(self, row: Row) -> bool:
-        """A row of this step, with nothing about it; False, with nothing done, where R is hardly regular."""
+    def row(self, now: int, z: Any, H: Any, R: Any) -> QuickRow | None:
+        """A measurement of this step as a row, None for whatever needs a closer look."""
+        try:
+            hands = self.hands[len(H)]
+        except (KeyError, TypeError):
+            if H.__class__ is not np.ndarray or not H.ndim:
+                return None
+            hands = self.hands[len(H)] = Hands(len(H), self.dim_x)
+        return hands.row(now, z, H, R)
+
+    def take(self, row: QuickRow) -> bool:
+        """A row of this step; False, with nothing done, where R is hardly regular."""
         place = self.age - 1
         if place < 0:
             return False
-        m = len(row.H)
-        hands = self.hands.get(m) or self._hands(m)
-        H, z, whole, seen, precision, weigh, weighted, present, part, following, other = hands
-        H[...] = row.H
-        z[...] = row.z
-        whole.dot(self.now, seen)
-        if row.precision is None:
-            factor, solution, info = cholesky_solver()(row.R, seen)
-            if info or not well_scaled(factor, row.R, GOOD_PIVOT):
-                return False
-            weighted[...] = solution
-        else:
-            for component, weight in enumerate(row.precision):
-                precision[component] = weight
-            weigh(seen, weighted)
-        self.newer += present(part, self.gram)
+        hands = self.hands[len(row.joint)]
+        if not hands.see(row, self.now.turned):
+            return False
+        (present, following), (seen, seen_too) = hands.left, hands.right
+        self.newer += present(seen, self.gram)
         if self.all_rows > self.rows_until[-1]:
-            self.gram_at[place] += following(other)
+            self.grams[place] += following(seen_too)
         else:
-            following(other, self.gram_at[place])
+            following(seen_too, self.gram_at[place])
             self.all_instants += 1
         self.all_rows += 1
         return True
-
-    def _hands(self, m: int) -> Hands:
-        hands = self.hands[m] = Hands.of(m, self.dim_x)
-        return hands
 
     def add(self, row: Row, now: int) -> bool:
         """A row that arrived now; False where these sums have no place for it."""
@@ -203,7 +178,7 @@ class Frames:
         place = self.age - 1 - (0 if self.by_arrival else late)
         if late > self.delays or place < 0:
             return False
-        products = self.trail[row.origin - self.boundary + self.delays] if late else self.now
+        products = self.trail[row.origin - self.boundary + self.delays] if late else self.now.both
         present, following = self._grams(row, products)
         self.newer += present
         self.grams[place] += following
@@ -250,9 +225,9 @@ class Frames:
         for pivot, entry in zip(self.diagonal.tolist(), entries, strict=True):
             if not pivot * pivot >= LEAST * entry:
                 return None
-        x: Array = self.top.dot(self.point)
+        x: Array = self.now.top.dot(self.point)
         if self.driven:
-            known = self.top[:, self.dim_x]
+            known = self.now.top[:, self.dim_x]
             if known.dot(known) > OUTGROWN * x.dot(x):
                 return None
         return x

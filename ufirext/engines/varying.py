@@ -13,6 +13,7 @@ from ..window import Row
 from .covariance import Covariance
 from .exact import window_covariance
 from .frames import Frames
+from .hands import QuickRow
 from .records import Limits, Records, Solution
 from .suffixes import Suffixes
 
@@ -121,11 +122,8 @@ class Varying(Records):
         x = x if self.after is None else x + self.after
         return estimate_of(self, x, self.now, newest, self.window_rows)
 
-    def joined(self, row: Row) -> Array | None:
+    def joined(self, sums: Frames, row: QuickRow) -> Array | None:
         """x with a row that arrived now; None, with nothing done, where the reference is needed."""
-        sums = self.sums
-        if not isinstance(sums, Frames):
-            return None
         again = bool(self.rows) and self.rows[-1].arrival == self.now
         if (self.limits.extends and sums.instants + (not again) < self._wanted) or not sums.take(row):
             return None

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.frames import Frames
-from ..engines.quick import quick_row
 from ..engines.records import Step
 from ..engines.varying import Varying, estimate_of
 from ..window import Row
@@ -41,11 +40,8 @@ class VaryingState(WindowState):
         self.latest: Estimate = (self.x, 0, None, 0)
         self.latest_before: Estimate = self.latest
         self.told: Estimate = self.latest  # the one that the published fields go back to
-        self.given: tuple[Row | None, Array, Array] = (
-            None,
-            self.x,
-            self.x,
-        )  # of the last update(): row, H, R
+        # What the last update() was given: its row, or the H and R of a measurement that did not come.
+        self.given: Row | tuple[Array, Array] = (self.x, self.x)
 
     def _enter(self, engine: Varying) -> None:
         """Go over to the hot path, after an update() with an estimate, if nothing stands against it."""
@@ -97,34 +93,34 @@ class VaryingState(WindowState):
     def join(self, z: Any, R: Any, H: Any) -> bool:
         """update() on the hot path; False, with nothing done, where the slow path is needed."""
         engine = self.lane
-        if engine is None or engine.sums is None:
+        if engine is None:
+            return False
+        sums = engine.sums
+        if sums.__class__ is not Frames:
             return False
         if self.watching:
             self._look_again(self.H, self.R)
         if z is None:
             return H is None and R is None and self._blank(engine)
-        row = quick_row(engine.now, z, self.H.value if H is None else H, self.R.value if R is None else R)
-        if row is None or row.H.shape[1] != self.dim_x or engine.negligible(row):
+        row = sums.row(engine.now, z, self.H.value if H is None else H, self.R.value if R is None else R)
+        if row is None or engine.negligible(row):
             return False
-        if H is not None:
-            row.H = H.copy()
-        if R is not None:
-            row.R = R.copy()
         if self.mode == TURNED:
             self.look()  # a second row of this step meets what the first one left
+        if H is None:
+            row.__dict__["H"] = self.H.value  # what is constant is known by identity
+        if R is None:
+            row.__dict__["R"] = self.R.value
         if H is not None or R is not None or self.mode == TURNED:
             self.irregular = engine.now
-        return self._joined(engine, row)
-
-    def _joined(self, engine: Varying, row: Row) -> bool:
-        x = engine.joined(row)
+        x = engine.joined(sums, row)
         if x is None:
             return False
         now = engine.now
         self.base, self.latest_before = (self.hot_x, self.at), self.latest  # type: ignore[assignment]
         self.hot_x = x.reshape(-1, 1) if self.form == 2 else x
         self.at, self.latest, self.unseen, self.mode = now, (x, now, row, engine.window_rows), True, TURNED
-        self.given = row, row.H, row.R
+        self.given = row
         return True
 
     def _blank(self, engine: Varying) -> bool:
@@ -134,7 +130,7 @@ class VaryingState(WindowState):
         self.base, self.latest_before = (self.hot_x, self.at), self.latest  # type: ignore[assignment]
         self.hot_x = self._turned_ahead(engine)
         self.at, self.unseen, self.mode = engine.now, True, TURNED
-        self.given = None, self.H.value, self.R.value
+        self.given = self.H.value, self.R.value
         return True
 
     # -- what is worked out later ----------------------------------------------------------------------------
@@ -177,7 +173,8 @@ class VaryingState(WindowState):
             x = _moved(engine.step(number), x)
         if base < at:
             self.prior = x, P
-        row, H, R = self.given
+        row = self.given if isinstance(self.given, Row) else None
+        H, R = self.given if row is None else (row.H, row.R)
         self._last = (None if row is None else row.z, H, R, np.full(len(H), row is not None), x, P)
         self.post = x, P
         gain = Covariance.of(np.zeros((self.dim_x, 0)))

@@ -1,0 +1,131 @@
+"""A measurement on its way into running sums: arrays that stay, and nothing looked at twice.
+
+Between small arrays most of the time goes into making new ones, into views, and into arrays that are not
+contiguous: a product into room that stays takes half as long.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import hypot, inf
+from struct import Struct
+from struct import error as StructError  # noqa: N812
+from typing import Any
+
+import numpy as np
+
+from .._arrays import FLOAT, Array, readonly
+from .._lapack import cholesky_solver
+from ..window import GOOD_PIVOT, Row, well_scaled
+
+__all__ = ["Hands", "QuickRow"]
+
+ARRAY = np.ndarray
+
+
+class QuickRow(Row):
+    """A row of this step, whose arrays are made when somebody asks for them.
+
+    `joint` is [H, z], `noise` the bytes of R, `precision` the diagonal of R^-1 where R is diagonal, else None.
+    """
+
+    joint: Array
+    noise: bytes
+    precision: list[float] | None
+
+    @cached_property
+    def H(self) -> Array:  # type: ignore[override]
+        """Observation matrix, (m, dim_x)."""
+        return readonly(self.joint[:, :-1].copy())
+
+    @cached_property
+    def z(self) -> Array:  # type: ignore[override]
+        """Measurement, (m,)."""
+        return self.joint[:, -1].copy()
+
+    @cached_property
+    def R(self) -> Array:  # type: ignore[override]
+        """Covariance of the measurement, (m, m)."""
+        m = len(self.joint)
+        return np.frombuffer(self.noise).reshape(m, m)
+
+
+class Hands:
+    """What takes rows of m components up, in whichever order, for models of n states."""
+
+    def __init__(self, m: int, n: int) -> None:
+        self.m, self.n, k = m, n, n + 1
+        self.shapes = (m, n), (m, m)
+        self.unpack_H, self.unpack_R, self.unpack_z = (Struct(f"{size}d").unpack for size in (m * n, m * m, m))
+        joint = np.zeros((m, k))
+        self.joint, self.H, self.z = joint, joint[:, :n], joint.reshape(-1)[n::k].data
+        # H Phi and z - H c in both frames, transposed so that either half is contiguous; R^-1; their product.
+        self.seen, self.weighted, inverse = np.zeros((2 * k, m)), np.zeros((2 * k, m)), np.zeros((m, m))
+        self.inverse, self.precision = inverse, inverse.reshape(-1)[:: m + 1].data
+        # Halves of the last two: the row's gram in either frame is their product.
+        self.left = self.weighted[:k].dot, self.weighted[k:].dot
+        self.right = self.seen[:n].T, self.seen[k:-1].T
+
+    def row(self, now: int, z: Any, H: Any, R: Any) -> QuickRow | None:
+        """A row of this step from arrays of floats; None for whatever needs a closer look.
+
+        That is: other types and shapes, NaN, infinity, an R that is plainly no covariance, an H with a row of
+        zeros, which measures nothing.
+        """
+        if not (H.__class__ is R.__class__ is ARRAY and H.dtype is R.dtype is FLOAT):
+            return None
+        if (H.shape, R.shape) != self.shapes:
+            return None
+        try:
+            numbers, noise, values = self.unpack_H(H), self.unpack_R(R), self._numbers(z)
+        except StructError:  # another size
+            return None
+        except ValueError:  # not contiguous
+            tidy = (np.ascontiguousarray(H), np.ascontiguousarray(R))
+            return self.row(now, z.copy() if z.__class__ is ARRAY else z, *tidy)
+        total = sum(values)
+        if total - total != 0.0:
+            return None
+        m, n, joint_z = self.m, self.n, self.z
+        information, precision = 0.0, []
+        for i, value in enumerate(values):
+            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * m + i]
+            if not (0.0 < norm < inf and 0.0 < variance < inf):
+                return None
+            information += norm * norm / variance
+            precision.append(1.0 / variance)
+            joint_z[i] = value
+        row = QuickRow.__new__(QuickRow)
+        if noise.count(0.0) == m * m - m:
+            row.precision, row._information = precision, information
+        elif R.tobytes() != R.T.tobytes() or not sum(map(abs, noise)) < inf:
+            return None
+        else:
+            row.precision = None
+        self.H[...] = H
+        row.origin = row.arrival = now
+        row.joint, row.noise = self.joint.copy(), R.tobytes()
+        return row
+
+    def _numbers(self, z: Any) -> tuple[float, ...]:
+        if z.__class__ is ARRAY and z.dtype is FLOAT and z.ndim < 3:
+            return self.unpack_z(z)
+        if z.__class__ is float and self.m == 1:
+            return (z,)
+        raise StructError
+
+    def see(self, row: QuickRow, products: Array) -> bool:
+        """The row in both frames, `products` the transposed transitions from these; False where R is hardly
+        regular.
+        """
+        seen = products.dot(row.joint.T, self.seen)
+        if row.precision is None:
+            factor, solution, info = cholesky_solver()(row.R, seen.T)
+            if info or not well_scaled(factor, row.R, GOOD_PIVOT):
+                return False
+            self.weighted[...] = solution.T
+        else:
+            for component, weight in enumerate(row.precision):
+                self.precision[component] = weight
+            seen.dot(self.inverse, self.weighted)
+        return True
