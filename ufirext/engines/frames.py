@@ -38,10 +38,9 @@ class Products(NamedTuple):
     turned: Array  # transposed
 
     @classmethod
-    def start(cls, n: int) -> Products:
-        """Those to the frames themselves."""
-        both = np.concatenate([np.eye(n + 1)] * 2, axis=1)
-        return cls(both, both[:n], both.T)
+    def of(cls, both: Array) -> Products:
+        """From the whole."""
+        return cls(both, both[:-1], both.T)
 
 
 class Frames:
@@ -67,8 +66,11 @@ class Frames:
         self.total, self.point = room[: k * n].reshape(k, n), room[n * n :]
         self.Lam, self.diagonal, self.right = self.total[:n].T, room[: n * n : k], self.total[n:].T
         self.point[n] = -1.0
-        self.now, self.ahead = Products.start(n), Products.start(n)  # the second is room for the next step's
+        self.start = np.concatenate([np.eye(k)] * 2, axis=1)
+        self.now, self.ahead = (Products.of(self.start.copy()) for _ in range(2))  # room for the next step's
         self.hands: dict[int, Hands] = {}
+        self.full: Hands | None = None  # which hold a row
+        self.factorise = cholesky_solver()
         self._build(records, boundary)
 
     def _build(self, records: Records, boundary: int) -> None:
@@ -105,7 +107,7 @@ class Frames:
         self.rows_until, self.instants_until = [], []
         self.boundary, self.age = boundary, 0
         self.trail: list[Array] = []
-        self.now = Products.start(self.dim_x)
+        self.now.both[...] = self.start
         for step, products in enumerate(trail, boundary - self.delays):
             if self.trail:
                 self._move_on(records.step(step))
@@ -124,15 +126,15 @@ class Frames:
         self.driven = True
         self.now.top[:, self.dim_x :: self.dim_x + 1] -= known[:, None]
 
-    def advance(self, records: Records) -> None:
+    def advance(self, records: Records, step: Step) -> None:
         """One more transition, the newest of the records."""
         if self.age == self.horizon:
-            last = self.trail[-1 - self.delays :] if self.delays else [self.now.both]
+            last = self.trail[-1 - self.delays :] if self.delays else [self.now.both.copy()]
             self._begin(self.boundary + self.horizon, last, records)
         self.age += 1
         self.rows_until.append(self.all_rows)
         self.instants_until.append(self.all_instants)
-        self._move_on(records.steps[-1])
+        self._move_on(step)
         if self.delays:
             self.trail.append(self.now.both.copy())
 
@@ -152,15 +154,13 @@ class Frames:
             if H.__class__ is not np.ndarray or not H.ndim:
                 return None
             hands = self.hands[len(H)] = Hands(len(H), self.dim_x)
+        self.full = hands
         return hands.row(now, z, H, R)
 
-    def take(self, row: QuickRow) -> bool:
-        """A row of this step; False, with nothing done, where R is hardly regular."""
-        place = self.age - 1
-        if place < 0:
-            return False
-        hands = self.hands[len(row.joint)]
-        if not hands.see(row, self.now.turned):
+    def take(self) -> bool:
+        """The row that was read last; False, with nothing done, where its R is hardly regular."""
+        place, hands = self.age - 1, self.full
+        if place < 0 or hands is None or not hands.see(self.now.turned):
             return False
         (present, following), (seen, seen_too) = hands.left, hands.right
         self.newer += present(seen, self.gram)
@@ -220,10 +220,10 @@ class Frames:
         """x of least squares over the window, None where the digits would not do."""
         np.add(self.older_at[self.age], self.newer, self.total)
         entries = self.diagonal.tolist()
-        if cholesky_solver()(self.Lam, self.right, 0, 1, 1)[2]:
+        if self.factorise(self.Lam, self.right, 0, 1, 1)[2]:
             return None
-        for pivot, entry in zip(self.diagonal.tolist(), entries, strict=True):
-            if not pivot * pivot >= LEAST * entry:
+        for i, pivot in enumerate(self.diagonal.tolist()):
+            if not pivot * pivot >= LEAST * entries[i]:
                 return None
         x: Array = self.now.top.dot(self.point)
         if self.driven:

@@ -26,12 +26,11 @@ ARRAY = np.ndarray
 class QuickRow(Row):
     """A row of this step, whose arrays are made when somebody asks for them.
 
-    `joint` is [H, z], `noise` the bytes of R, `precision` the diagonal of R^-1 where R is diagonal, else None.
+    `joint` is [H, z], `noise` the bytes of R.
     """
 
     joint: Array
     noise: bytes
-    precision: list[float] | None
 
     @cached_property
     def H(self) -> Array:  # type: ignore[override]
@@ -51,18 +50,20 @@ class QuickRow(Row):
 
 
 class Hands:
-    """What takes rows of m components up, in whichever order, for models of n states."""
+    """What takes rows of m components up, one at a time, for models of n states."""
 
     def __init__(self, m: int, n: int) -> None:
-        self.m, self.n, k = m, n, n + 1
-        self.shapes = (m, n), (m, m)
+        k = n + 1
+        self.m, self.n, self.shape_H, self.shape_R, self.gaps = m, n, (m, n), (m, m), m * m - m
         self.unpack_H, self.unpack_R, self.unpack_z = (Struct(f"{size}d").unpack for size in (m * n, m * m, m))
-        joint = np.zeros((m, k))
-        self.joint, self.H, self.z = joint, joint[:, :n], joint.reshape(-1)[n::k].data
-        # H Phi and z - H c in both frames, transposed so that either half is contiguous; R^-1; their product.
-        self.seen, self.weighted, inverse = np.zeros((2 * k, m)), np.zeros((2 * k, m)), np.zeros((m, m))
+        joint, inverse = np.zeros((m, k)), np.zeros((m, m))
+        self.joint, self.turned, self.H, self.z = joint, joint.T, joint[:, :n], joint.reshape(-1)[n::k].data
+        # R^-1 of the row that was read last, where its R is diagonal: else R itself is still to be asked.
         self.inverse, self.precision = inverse, inverse.reshape(-1)[:: m + 1].data
-        # Halves of the last two: the row's gram in either frame is their product.
+        self.full_R: Array | None = None
+        # H Phi and z - H c in both frames, transposed so that either half is contiguous; the same by R^-1.
+        self.seen, self.weighted = np.zeros((2 * k, m)), np.zeros((2 * k, m))
+        # Halves of these: the row's gram in either frame is their product.
         self.left = self.weighted[:k].dot, self.weighted[k:].dot
         self.right = self.seen[:n].T, self.seen[k:-1].T
 
@@ -74,7 +75,7 @@ class Hands:
         """
         if not (H.__class__ is R.__class__ is ARRAY and H.dtype is R.dtype is FLOAT):
             return None
-        if (H.shape, R.shape) != self.shapes:
+        if H.shape != self.shape_H or R.shape != self.shape_R:
             return None
         try:
             numbers, noise, values = self.unpack_H(H), self.unpack_R(R), self._numbers(z)
@@ -86,22 +87,21 @@ class Hands:
         total = sum(values)
         if total - total != 0.0:
             return None
-        m, n, joint_z = self.m, self.n, self.z
-        information, precision = 0.0, []
+        n, above, information = self.n, self.m + 1, 0.0
         for i, value in enumerate(values):
-            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * m + i]
+            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * above]
             if not (0.0 < norm < inf and 0.0 < variance < inf):
                 return None
             information += norm * norm / variance
-            precision.append(1.0 / variance)
-            joint_z[i] = value
+            self.precision[i] = 1.0 / variance
+            self.z[i] = value
         row = QuickRow.__new__(QuickRow)
-        if noise.count(0.0) == m * m - m:
-            row.precision, row._information = precision, information
+        if noise.count(0.0) == self.gaps:
+            self.full_R, row._information = None, information
         elif R.tobytes() != R.T.tobytes() or not sum(map(abs, noise)) < inf:
             return None
         else:
-            row.precision = None
+            self.full_R = R
         self.H[...] = H
         row.origin = row.arrival = now
         row.joint, row.noise = self.joint.copy(), R.tobytes()
@@ -114,18 +114,16 @@ class Hands:
             return (z,)
         raise StructError
 
-    def see(self, row: QuickRow, products: Array) -> bool:
-        """The row in both frames, `products` the transposed transitions from these; False where R is hardly
-        regular.
+    def see(self, products: Array) -> bool:
+        """The last row in both frames, `products` the transposed transitions from these; False where R is
+        hardly regular.
         """
-        seen = products.dot(row.joint.T, self.seen)
-        if row.precision is None:
-            factor, solution, info = cholesky_solver()(row.R, seen.T)
-            if info or not well_scaled(factor, row.R, GOOD_PIVOT):
-                return False
-            self.weighted[...] = solution.T
-        else:
-            for component, weight in enumerate(row.precision):
-                self.precision[component] = weight
+        seen = products.dot(self.turned, self.seen)
+        if self.full_R is None:
             seen.dot(self.inverse, self.weighted)
+            return True
+        factor, solution, info = cholesky_solver()(self.full_R, seen.T)
+        if info or not well_scaled(factor, self.full_R, GOOD_PIVOT):
+            return False
+        self.weighted[...] = solution.T
         return True

@@ -14,7 +14,7 @@ from .covariance import Covariance
 from .exact import window_covariance
 from .frames import Frames
 from .hands import QuickRow
-from .records import Limits, Records, Solution
+from .records import Limits, Records, Solution, Step
 from .suffixes import Suffixes
 
 # Forgetting a few steps at a time costs the same at every horizon, and no step is long.
@@ -45,6 +45,8 @@ class Varying(Records):
 
     def _begin(self, limits: Limits) -> None:
         self.limits = limits
+        # Steps with a row of their own, for a window that need not reach further back.
+        self.wanted = min(limits.horizon, limits.instants) if limits.extends else 0
         # What the window counts from: when a row arrived, or where its state lies.
         self._key: Callable[[Row], int] = attrgetter("arrival" if limits.by_arrival else "origin")
         self.sums = None
@@ -71,7 +73,14 @@ class Varying(Records):
         """One predict()."""
         super().advance(F, Q, known)
         if self.sums is not None:
-            self.sums.advance(self)
+            self.sums.advance(self, self.steps[-1])
+
+    def turned(self, sums: Frames, F: Array, Q: Array, known: Array | None) -> None:
+        """One predict() after which nothing was edited."""
+        step = Step(F, Q, known)
+        self.steps.append(step)
+        self.now += 1
+        sums.advance(self, step)
 
     def edit(self, delta: Array, after_rows: bool) -> None:
         """x was moved from outside."""
@@ -125,7 +134,7 @@ class Varying(Records):
     def joined(self, sums: Frames, row: QuickRow) -> Array | None:
         """x with a row that arrived now; None, with nothing done, where the reference is needed."""
         again = bool(self.rows) and self.rows[-1].arrival == self.now
-        if (self.limits.extends and sums.instants + (not again) < self._wanted) or not sums.take(row):
+        if sums.instants + (not again) < self.wanted or not sums.take():
             return None
         if again:
             self._compress()
@@ -147,7 +156,7 @@ class Varying(Records):
         sums = self.sums
         if sums is None or (self.now >= self.careful_until and isinstance(sums, Suffixes)):
             sums = self.sums = self._summed_up()
-        if self.limits.extends and not self._enough(sums):
+        if self.wanted and not self._enough(sums):
             return None
         x = sums.estimate()
         while x is None and isinstance(sums, Frames):
@@ -164,16 +173,12 @@ class Varying(Records):
         kind = Suffixes if self.now < self.careful_until else Frames
         return kind(self, self.limits, self.delays)
 
-    @property
-    def _wanted(self) -> int:
-        return min(self.limits.horizon, self.limits.instants)
-
     def _enough(self, sums: Frames | Suffixes) -> bool:
         """Whether the window holds rows of enough origins, so that it need not reach further back."""
-        if sums.instants >= self._wanted:
+        if sums.instants >= self.wanted:
             return True
         bound = self.now - self.limits.horizon
-        return len({row.origin for row in self.rows if self._key(row) > bound}) >= self._wanted
+        return len({row.origin for row in self.rows if self._key(row) > bound}) >= self.wanted
 
 
 def estimate_of(engine: Varying, x: Array, now: int, newest: Row | None, rows: int) -> Solution:

@@ -35,6 +35,8 @@ class VaryingState(WindowState):
         self.seen = 0  # step up to which the published fields are worked out
         self.at = 0  # step of the last update(), which left hot_x
         self.unseen = False  # whether that update() is still to be published
+        # Steps for which rows are remembered beyond their window, and after which a regular past is worth a look.
+        self.memory = self.patience = 0
         self.base: tuple[Array, int] = (self.x, 0)  # hot_x and `at` before it
         # The last estimate and the one before it: x, step, newest row, rows in the window.
         self.latest: Estimate = (self.x, 0, None, 0)
@@ -45,22 +47,21 @@ class VaryingState(WindowState):
 
     def _enter(self, engine: Varying) -> None:
         """Go over to the hot path, after an update() with an estimate, if nothing stands against it."""
-        if isinstance(engine.sums, Frames) and engine.after is None and not self._review():
+        limits = self.limits
+        self.memory, self.patience = limits.reach - limits.horizon, engine_reach(limits)
+        fit = isinstance(engine.sums, Frames) and engine.after is None
+        if fit and self.now - self.irregular <= self.patience and not self._due(self.now):
             self.mode, self.lane, self.unseen = TURNED, engine, False
             self.seen = self.at = self.now
             self.latest = (self.x, self.now, engine.rows[-1], engine.window_rows)
             self.told = self.latest
             self.hot_x = self.shaped(self.x)
 
-    def _review(self) -> bool:
-        """Whether the slow path has to look at the model, or for another engine."""
-        engine = self.engine
-        now = self.now if engine is None else engine.now
-        if now - self.irregular > engine_reach(self.limits):
-            return True
-        if self.stale and self.policy == "auto":
-            return self.refreshed is None or now - self.refreshed >= (self.horizon or 0)
-        return False
+    def _due(self, now: int) -> bool:
+        """Whether the horizon is to be chosen anew."""
+        if not self.stale or self.policy != "auto":
+            return False
+        return self.refreshed is None or now - self.refreshed >= (self.horizon or 0)
 
     def touch(self) -> None:
         """A model matrix is about to be handed out or assigned: steps keep their own, so nothing is lost."""
@@ -74,29 +75,25 @@ class VaryingState(WindowState):
     ) -> bool:
         """predict() on the hot path; False, with nothing done, where the slow path is needed."""
         engine = self.lane
-        if engine is None or engine.sums is None:
+        if engine is None or (sums := engine.sums).__class__ is not Frames:
             return False
         if self.watching:
             self._look_again(self.F, self.Q, self.B)
         now = engine.now
-        limits = self.limits
         # The windows that covariances lean on must still be remembered when these are worked out.
-        if now - self.latest[1] > limits.reach - limits.horizon or self._review():
+        if now - self.latest[1] > self.memory or now - self.irregular > self.patience or self.stale and self._due(now):
             return False
         F_now, Q_now, known = self.transition(u, B, F, Q)
         if F is not None or Q is not None or known is not None:
             self.irregular = now
-        engine.advance(F_now, Q_now, known)
+        engine.turned(sums, F_now, Q_now, known)
         self.mode = TURNING
         return True
 
     def join(self, z: Any, R: Any, H: Any) -> bool:
         """update() on the hot path; False, with nothing done, where the slow path is needed."""
         engine = self.lane
-        if engine is None:
-            return False
-        sums = engine.sums
-        if sums.__class__ is not Frames:
+        if engine is None or (sums := engine.sums).__class__ is not Frames:
             return False
         if self.watching:
             self._look_again(self.H, self.R)
