@@ -35,13 +35,27 @@ def _stream(steps: int) -> list[Step]:
 
 
 def _per_call(f: Any, step: Step) -> object:
+    F, _, z, R, H = step
+    f.predict(F=F)
+    f.update(z, R, H)
+    return f.x
+
+
+def _assigned(f: Any, step: Step) -> object:
+    f.F, _, z, f.R, f.H = step
+    f.predict()
+    f.update(z)
+    return f.x
+
+
+def _per_call_with_Q(f: Any, step: Step) -> object:  # noqa: N802
     F, Q, z, R, H = step
     f.predict(F=F, Q=Q)
     f.update(z, R, H)
     return f.x
 
 
-def _assigned(f: Any, step: Step) -> object:
+def _assigned_with_Q(f: Any, step: Step) -> object:  # noqa: N802
     f.F, f.Q, z, f.R, f.H = step
     f.predict()
     f.update(z)
@@ -82,14 +96,16 @@ ROWS = [
     *(
         Row(
             f"varying/{name}-N{n}",
-            f"F, Q, R, H {work} + read x",
+            f"{work} + read x",
             FILTERPY,
             1.3,
             partial(_contest, one, True, n),
         )
         for name, work, one in (
-            ("calls", "by argument", _per_call),
-            ("attributes", "by attribute", _assigned),
+            ("calls", "F, R, H by argument", _per_call),
+            ("attributes", "F, R, H by attribute", _assigned),
+            ("calls-Q", "F, Q, R, H by argument", _per_call_with_Q),
+            ("attributes-Q", "F, Q, R, H by attribute", _assigned_with_Q),
         )
         for n in (10, 500)
     ),

@@ -14,39 +14,49 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import FLOAT, Array, readonly
+from .._arrays import FLOAT, Array
 from .._lapack import cholesky_solver
 from ..window import GOOD_PIVOT, Row, well_scaled
+from .records import Step
 
-__all__ = ["Hands", "QuickRow"]
+__all__ = ["Hands", "QuickRow", "QuickStep"]
 
 ARRAY = np.ndarray
 
 
+class QuickStep(Step):
+    """A step whose F is made of its bytes when somebody asks for it; without known inputs."""
+
+    raw: bytes
+
+    @cached_property
+    def F(self) -> Array:  # type: ignore[override]
+        """Transition, (dim_x, dim_x)."""
+        n = len(self.Q)
+        return np.frombuffer(self.raw).reshape(n, n)
+
+
 class QuickRow(Row):
-    """A row of this step, whose arrays are made when somebody asks for them.
+    """A row of this step whose arrays are made when somebody asks for them."""
 
-    `joint` is [H, z], `noise` the bytes of R.
-    """
-
-    joint: Array
-    noise: bytes
+    signal: bytes  # of H
+    noise: bytes  # of R
+    values: tuple[float, ...]
 
     @cached_property
     def H(self) -> Array:  # type: ignore[override]
         """Observation matrix, (m, dim_x)."""
-        return readonly(self.joint[:, :-1].copy())
+        return np.frombuffer(self.signal).reshape(len(self.values), -1)
 
     @cached_property
     def z(self) -> Array:  # type: ignore[override]
         """Measurement, (m,)."""
-        return self.joint[:, -1].copy()
+        return np.array(self.values)
 
     @cached_property
     def R(self) -> Array:  # type: ignore[override]
         """Covariance of the measurement, (m, m)."""
-        m = len(self.joint)
-        return np.frombuffer(self.noise).reshape(m, m)
+        return np.frombuffer(self.noise).reshape(len(self.values), -1)
 
 
 class Hands:
@@ -56,11 +66,10 @@ class Hands:
         k = n + 1
         self.m, self.n, self.shape_H, self.shape_R, self.gaps = m, n, (m, n), (m, m), m * m - m
         self.unpack_H, self.unpack_R, self.unpack_z = (Struct(f"{size}d").unpack for size in (m * n, m * m, m))
-        joint, inverse = np.zeros((m, k)), np.zeros((m, m))
-        self.joint, self.turned, self.H, self.z = joint, joint.T, joint[:, :n], joint.reshape(-1)[n::k].data
-        # R^-1 of the row that was read last, where its R is diagonal: else R itself is still to be asked.
+        joint, inverse = np.zeros((m, k)), np.zeros((m, m))  # [H, z] and R^-1 of the row that was read last
+        self.joint, self.H, self.z = joint.T, joint[:, :n], joint.reshape(-1)[n::k].data
         self.inverse, self.precision = inverse, inverse.reshape(-1)[:: m + 1].data
-        self.full_R: Array | None = None
+        self.full_R: Array | None = None  # its R where that is not diagonal
         # H Phi and z - H c in both frames, transposed so that either half is contiguous; the same by R^-1.
         self.seen, self.weighted = np.zeros((2 * k, m)), np.zeros((2 * k, m))
         # Halves of these: the row's gram in either frame is their product.
@@ -104,7 +113,7 @@ class Hands:
             self.full_R = R
         self.H[...] = H
         row.origin = row.arrival = now
-        row.joint, row.noise = self.joint.copy(), R.tobytes()
+        row.signal, row.noise, row.values = H.tobytes(), R.tobytes(), values
         return row
 
     def _numbers(self, z: Any) -> tuple[float, ...]:
@@ -118,7 +127,7 @@ class Hands:
         """The last row in both frames, `products` the transposed transitions from these; False where R is
         hardly regular.
         """
-        seen = products.dot(self.turned, self.seen)
+        seen = products.dot(self.joint, self.seen)
         if self.full_R is None:
             seen.dot(self.inverse, self.weighted)
             return True

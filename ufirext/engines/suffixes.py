@@ -17,7 +17,7 @@ import numpy as np
 from .._arrays import Array
 from .._lapack import cholesky_solver
 from ..window import Row, well_scaled
-from .records import Limits, Records, Step
+from .records import Limits, Records
 
 # A scaled pivot below this: the normal equations would lose too much. What comes next is slow but exact.
 WEAK_PIVOT = 0.03
@@ -116,7 +116,7 @@ class Suffixes:
     def _lengthen(self, block: Block, records: Records) -> None:
         block.lengthen(self.by_key.get(block.boundary - len(block.suffixes) + 1, []), records)
 
-    def advance(self, records: Records, step: Step) -> None:
+    def advance(self, records: Records, F: Array, known: Array | None) -> None:
         """One more transition, the newest of the records."""
         active, following, now = self.active, self.following, records.now
         self.now = now

@@ -73,14 +73,14 @@ class Varying(Records):
         """One predict()."""
         super().advance(F, Q, known)
         if self.sums is not None:
-            self.sums.advance(self, self.steps[-1])
+            step = self.steps[-1]
+            self.sums.advance(self, step.F, step.known)
 
-    def turned(self, sums: Frames, F: Array, Q: Array, known: Array | None) -> None:
-        """One predict() after which nothing was edited."""
-        step = Step(F, Q, known)
+    def turned(self, sums: Frames, step: Step, F: Array) -> None:
+        """One predict() after which nothing was edited; `F` is the step's."""
         self.steps.append(step)
         self.now += 1
-        sums.advance(self, step)
+        sums.advance(self, F, step.known)
 
     def edit(self, delta: Array, after_rows: bool) -> None:
         """x was moved from outside."""

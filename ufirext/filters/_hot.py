@@ -23,6 +23,7 @@ class HotState(Protocol):
     H: Live
     put: Callable[[Any], bool] | None
     read: Callable[[], Array] | None
+    hot_x: Any
     _x_handed: Array | None
     _x_raw: bytes
 
@@ -57,6 +58,9 @@ class HotFilter(FilterSurface):
         if x is None:
             if state.mode == POSTED and state.read is not None:
                 x = state._x_handed = state.read()
+                state._x_raw = x.tobytes()
+            elif state.mode == TURNED:
+                x = state._x_handed = state.hot_x.copy()
                 state._x_raw = x.tobytes()
             else:
                 x = state.hand_out_x()

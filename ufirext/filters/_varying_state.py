@@ -81,12 +81,19 @@ class VaryingState(WindowState):
             self._look_again(self.F, self.Q, self.B)
         now = engine.now
         # The windows that covariances lean on must still be remembered when these are worked out.
-        if now - self.latest[1] > self.memory or now - self.irregular > self.patience or self.stale and self._due(now):
+        if now - self.latest[1] > self.memory or now - self.irregular > self.patience or (self.stale and self._due(now)):
             return False
-        F_now, Q_now, known = self.transition(u, B, F, Q)
-        if F is not None or Q is not None or known is not None:
+        step: Step | None = None
+        if F is not None and u is None:
+            step = sums.step(F, self.Q.value if Q is None else self.Q.taken(Q))
+        if step is None:
+            step = Step(*self.transition(u, B, F, Q))
+            F = step.F
+            if not (F is self.F.value and Q is None and step.known is None):
+                self.irregular = now
+        else:
             self.irregular = now
-        engine.turned(sums, F_now, Q_now, known)
+        engine.turned(sums, step, F)
         self.mode = TURNING
         return True
 
@@ -116,7 +123,7 @@ class VaryingState(WindowState):
         now = engine.now
         self.base, self.latest_before = (self.hot_x, self.at), self.latest  # type: ignore[assignment]
         self.hot_x = x.reshape(-1, 1) if self.form == 2 else x
-        self.at, self.latest, self.unseen, self.mode = now, (x, now, row, engine.window_rows), True, TURNED
+        self.at, self.latest, self.unseen, self.mode = now, (x, now, row, sums.rows), True, TURNED
         self.given = row
         return True
 
