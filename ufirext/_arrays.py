@@ -17,9 +17,6 @@ Shape = tuple[int | None, ...]
 
 FLOAT = np.dtype(float)
 
-# Arrays of no more numbers are summed up as Python's floats, which is quicker than asking NumPy.
-FEW = 24
-
 # A covariance may miss positive semidefiniteness by rounding: this fraction of its largest entry.
 PSD_SLACK = 1e-9
 
@@ -39,13 +36,8 @@ def real(value: ArrayLike, name: str) -> Array:
 
 def finite(array: Array, name: str) -> Array:
     """`array` itself, after checking that it holds neither NaN nor infinity."""
-    # The quickest looks, either of which proves that all is well and warns of nothing.
-    if array.size <= FEW:
-        total = sum(array.ravel().tolist())
-        plain = total - total == 0.0
-    else:
-        plain = math.isfinite(np.vdot(array, array))
-    if not plain and not np.isfinite(array).all():
+    # The sum of squares is the quickest look, and unlike a plain sum it warns of nothing.
+    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         bad = [tuple(int(i) for i in where) for where in np.argwhere(~np.isfinite(array))[:3]]
         raise NonFiniteError(f"{name} must be finite, got NaN or inf at {', '.join(map(str, bad))}")
     return array
@@ -85,16 +77,18 @@ def covariance(value: ArrayLike, size: int, name: str, meaning: str = "") -> Arr
     """A symmetric positive semidefinite (size, size) matrix; a scalar s stands for s * identity."""
     if value.__class__ is np.ndarray and value.dtype is FLOAT and value.shape == (size, size):
         array: Array = value.copy()
-        if _plainly_covariance(array):
+        if plainly_covariance(array):
             return array
     array = square(value, size, name, meaning)
     check_covariance(array, name)
     return array
 
 
-def _plainly_covariance(array: Array) -> bool:
+def plainly_covariance(array: Array) -> bool:
     """Whether a look is enough; False proves nothing."""
-    if array.tobytes() != array.T.tobytes() or not max(array.diagonal().tolist()) < math.inf:
+    if not max(array.diagonal().tolist()) < math.inf:
+        return False
+    if array.tobytes() != array.T.tobytes():
         return False
     if is_positive_definite(array):
         return True
@@ -109,7 +103,7 @@ def check_covariance(array: Array, name: str) -> None:
         if array[0, 0] < 0.0:
             raise CovarianceError(f"{name} must be positive semidefinite, got the variance {array[0, 0]:.3g}")
         return
-    if _plainly_covariance(array):
+    if plainly_covariance(array):
         return
     if np.count_nonzero(array) == np.count_nonzero(array.diagonal()) and array.diagonal().min() >= 0.0:
         return
@@ -162,5 +156,5 @@ def symmetric(array: Array) -> Array:
 
 def readonly(array: Array) -> Array:
     """`array` itself, with writing switched off."""
-    array.flags.writeable = False
+    array.setflags(write=False)  # half the time of array.flags.writeable = False
     return array

@@ -48,14 +48,14 @@ def _assigned(f: Any, step: Step) -> object:
     return f.x
 
 
-def _per_call_with_Q(f: Any, step: Step) -> object:  # noqa: N802
+def _per_call_with_Q(f: Any, step: Step) -> object:
     F, Q, z, R, H = step
     f.predict(F=F, Q=Q)
     f.update(z, R, H)
     return f.x
 
 
-def _assigned_with_Q(f: Any, step: Step) -> object:  # noqa: N802
+def _assigned_with_Q(f: Any, step: Step) -> object:
     f.F, f.Q, z, f.R, f.H = step
     f.predict()
     f.update(z)

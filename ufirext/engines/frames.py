@@ -12,23 +12,20 @@ the next table is one cumulative sum. All products go forward and nothing is eve
 from __future__ import annotations
 
 from itertools import accumulate
-from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._arrays import FLOAT, Array
+from .._arrays import Array
 from .._lapack import cholesky_solver
-from .hands import Hands, QuickRow, QuickStep
+from .hands import Hands, QuickRow
 
 if TYPE_CHECKING:
     from ..window import Row
-    from .records import Limits, Records, Step
+    from .records import Limits, Records
 
 # Squared pivots below this fraction of their diagonal entries: the normal equations would lose too much.
 LEAST = 5e-4
-# The numbers of an F of no more states are summed up as Python's floats, which is quicker than asking NumPy.
-FEW = 5
 # Squared: what is known may be so many times as large as x; taking it off and adding it again costs digits.
 OUTGROWN = 1e3
 
@@ -57,7 +54,6 @@ class Frames:
         n = len(records.steps[-1].F)
         k = n + 1
         self.dim_x, self.horizon, self.delays, self.by_arrival = n, horizon, delays, limits.by_arrival
-        self.shape_F, self.unpack_F = (n, n), Struct(f"{n * n}d").unpack
         self.driven = any(step.known is not None for step in records.steps)
         # Sums are [Lam; eta'], (k, n). Of the rows of a block by the step they count for, in the next block's
         # frame; in this block's frame of its rows, and of those before it from a step on.
@@ -65,7 +61,7 @@ class Frames:
         self.older = np.zeros((horizon + 1, k, n))
         self.gram_at, self.older_at = list(self.grams), list(self.older)  # looking up beats slicing
         self.gram = np.zeros((k, n))  # one row's
-        # The window's sum, whose Lam becomes its factor and whose eta becomes x_f, to be met by [Phi, -c, ..].
+        # The window's sum, whose Lam becomes its factor and whose eta becomes x_f, met by [Phi, -c, ..].
         room = np.zeros(n * n + 2 * k)
         self.total, self.point = room[: k * n].reshape(k, n), room[n * n :]
         self.Lam, self.diagonal, self.right = self.total[:n].T, room[: n * n : k], self.total[n:].T
@@ -131,18 +127,6 @@ class Frames:
     def _shift(self, known: Array) -> None:
         self.driven = True
         self.now.top[:, self.dim_x :: self.dim_x + 1] -= known[:, None]
-
-    def step(self, F: Any, Q: Array) -> QuickStep | None:
-        """A step without known inputs, None where F needs a closer look."""
-        if not (F.__class__ is np.ndarray and F.dtype is FLOAT and F.shape == self.shape_F):
-            return None
-        raw: bytes = F.tobytes()
-        total = np.vdot(F, F) if self.dim_x > FEW else sum(self.unpack_F(raw))
-        if total - total != 0.0:
-            return None
-        step = QuickStep.__new__(QuickStep)
-        step.raw, step.Q = raw, Q
-        return step
 
     def advance(self, records: Records, F: Array, known: Array | None) -> None:
         """One more transition, the newest of the records, which need not be asked for it."""

@@ -6,6 +6,7 @@ contiguous: a product into room that stays takes half as long.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from math import hypot, inf
 from struct import Struct
@@ -28,6 +29,13 @@ class QuickStep(Step):
     """A step whose F is made of its bytes when somebody asks for it; without known inputs."""
 
     raw: bytes
+
+    @classmethod
+    def of(cls, raw: bytes, Q: Array) -> QuickStep:
+        """From the bytes of F."""
+        step = object.__new__(cls)
+        step.raw, step.Q = raw, Q
+        return step
 
     @cached_property
     def F(self) -> Array:  # type: ignore[override]
@@ -65,7 +73,11 @@ class Hands:
     def __init__(self, m: int, n: int) -> None:
         k = n + 1
         self.m, self.n, self.shape_H, self.shape_R, self.gaps = m, n, (m, n), (m, m), m * m - m
-        self.unpack_H, self.unpack_R, self.unpack_z = (Struct(f"{size}d").unpack for size in (m * n, m * m, m))
+        self.unpack_H: Any = Struct(f"{m * n}d").unpack
+        self.unpack_R: Any = Struct(f"{m * m}d").unpack
+        self.unpack_z: Callable[[Any], tuple[float, ...]] = Struct(f"{m}d").unpack
+        self.z: Any
+        self.precision: Any
         joint, inverse = np.zeros((m, k)), np.zeros((m, m))  # [H, z] and R^-1 of the row that was read last
         self.joint, self.H, self.z = joint.T, joint[:, :n], joint.reshape(-1)[n::k].data
         self.inverse, self.precision = inverse, inverse.reshape(-1)[:: m + 1].data
@@ -104,7 +116,7 @@ class Hands:
             information += norm * norm / variance
             self.precision[i] = 1.0 / variance
             self.z[i] = value
-        row = QuickRow.__new__(QuickRow)
+        row = object.__new__(QuickRow)
         if noise.count(0.0) == self.gaps:
             self.full_R, row._information = None, information
         elif R.tobytes() != R.T.tobytes() or not sum(map(abs, noise)) < inf:

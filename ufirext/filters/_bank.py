@@ -15,6 +15,7 @@ from ..engines.records import Records
 from ..engines.varying import Varying
 from ..gains import observability_index
 from ..window import whitener
+from ._checks import Check
 from ._live import Live
 from ._ufir_state import POSTED, PREDICTED, UFIRState
 
@@ -42,7 +43,7 @@ class Member(UFIRState):
         """Take over the owner's model: the very same arrays, by which what is constant is recognised."""
         self.settle()
         for name in MODEL:
-            setattr(self, name, Live(getattr(owner, name).value, np.asarray))
+            setattr(self, name, Live(value := getattr(owner, name).value, Check(value.shape)))
         self.index, self.refreshed, self.stale = owner.index, owner.now, False
 
     def step(self, F: Array, Q: Array, known: Array | None) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .._arrays import Array, readonly
+from ._checks import Check
 
 # sys.getrefcount of an array that only a Live holds: its slot, the local name and the call's own argument.
 _ALONE = 3
@@ -17,15 +17,15 @@ _ALONE = 3
 class Live:
     """A matrix with two faces: `value`, frozen, for the library; an editable array for the client.
 
-    The client's array (the one assigned, as filterpy keeps it, or a copy handed out) is compared with the
-    frozen value at the next verb, only while somebody else may still hold it.
+    The client's array `handed` (the one assigned, as filterpy keeps it, or a copy handed out) is compared
+    with the frozen value at the next verb, only while somebody else may still hold it: else it is None.
     """
 
-    __slots__ = ("_check", "_handed", "_raw", "value")
+    __slots__ = ("_check", "_raw", "handed", "value")
 
-    def __init__(self, value: Array, check: Callable[[Any], Array]) -> None:
+    def __init__(self, value: Array, check: Check) -> None:
         self._check = check
-        self._handed: Array | None = None
+        self.handed: Array | None = None
         self._adopt(value)
 
     def _adopt(self, value: Array) -> None:
@@ -33,22 +33,28 @@ class Live:
 
     def hand_out(self) -> Array:
         """The client's editable array; edits count from the next verb on."""
-        if self._handed is None:
-            self._handed = self.value.copy()
-        return self._handed
+        if self.handed is None:
+            self.handed = self.value.copy()
+        return self.handed
 
     def assign(self, value: Any) -> bool:
         """A new value from outside, validated; edits of the array assigned keep counting. True if it
         differs.
         """
+        raw = self._check.quick(value)
+        if raw is not None:
+            self.handed = value if value.flags.writeable else None
+            if raw == self._raw:
+                return False
+            self.value, self._raw = readonly(value.copy()), raw
+            return True
         array = self._check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
-        self._handed = value if same and value.flags.writeable else None
+        self.handed = value if same and value.flags.writeable else None
         raw = array.tobytes()
         if raw == self._raw and array.shape == self.value.shape:
             return False
-        array.flags.writeable = False
-        self.value, self._raw = array, raw
+        self.value, self._raw = readonly(array), raw
         return True
 
     def known(self, value: Any) -> Array | None:
@@ -62,28 +68,29 @@ class Live:
 
     def taken(self, value: Any) -> Array:
         """`value` for one call: checked, copied, or the frozen value where it is equal."""
-        own = self.known(value)
-        return self._check(value) if own is None else own
+        raw = self._check.quick(value)
+        if raw is None:
+            return self._check(value)
+        return self.value if raw == self._raw else value.copy()
+
+    def plain(self, value: Any) -> bytes | None:
+        """The bytes of a plainly right array of floats, None for whatever needs a closer look."""
+        return self._check.quick(value)
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""
-        handed = self._handed
+        handed = self.handed
         if handed is None:
             return False
         if handed.tobytes() == self._raw:
             # Whoever holds a view holds its base: an array that is a view itself can be edited behind our
             # back.
             if handed.base is None and sys.getrefcount(handed) <= _ALONE:
-                self._handed = None
+                self.handed = None
             return False
         self._adopt(self._check(handed))
         return True
 
-    @property
-    def watched(self) -> bool:
-        """Whether the client may hold the array and edit it."""
-        return self._handed is not None
-
     def __deepcopy__(self, memo: dict[int, Any]) -> Live:
         # The client of the copy holds nothing yet; pending edits go along.
-        return Live(np.array(self.value if self._handed is None else self._handed), self._check)
+        return Live(np.array(self.value if self.handed is None else self.handed), self._check)

@@ -18,10 +18,10 @@ from ..model import Model
 from ..recursions.augmented import Lifted, augmented_model
 from ..recursions.hinfinity import Form, ThetaTooLarge, largest_theta, robust_gain, tilted, weight_root
 from ..recursions.kalman import Posterior, update
+from ._checks import Covariance as CovarianceCheck
 from ._late import Left, Mask
 from ._lifted import LiftedState
 from ._live import Live
-from ._state import _Covariance
 
 Theta = float | str | Sequence[float] | Callable[[int], float]
 
@@ -53,7 +53,7 @@ class RobustState(LiftedState):
         self, dim_x: int, dim_z: int, channel: Channel, theta: Theta, form: Form, clips: bool, fraction: float
     ) -> None:
         super().__init__(dim_x, dim_z, channel)
-        self.weight = Live(np.eye(dim_x), _Covariance(dim_x, "weight"))
+        self.weight = Live(np.eye(dim_x), CovarianceCheck(dim_x, "weight"))
         self.theta = theta
         self.robust_form: Form = form
         self.clips, self.fraction = clips, fraction
@@ -65,9 +65,9 @@ class RobustState(LiftedState):
 
     def _settle_matrices(self) -> None:
         super()._settle_matrices()
-        if self.weight.watched and self.weight.changed():
+        if self.weight.handed is not None and self.weight.changed():
             self._model_changed()
-        self.watching |= self.weight.watched
+        self.watching |= self.weight.handed is not None
 
     def _held(self) -> Any:
         return self.tall.P, self.account, self.tilted, self.bare

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, covariance, finite, matrix, real, square
+from .._arrays import Array, covariance, finite, real
 from ..engines.covariance import Covariance
 from ..engines.records import measured
 from ..errors import ShapeError
 from ..model import Model
 from ._arguments import input_matrix, input_vector
+from ._checks import Covariance as CovarianceCheck
+from ._checks import General, Inputs, Square
 from ._live import Live
 from ._update import Update
 
@@ -33,11 +35,11 @@ class FilterState:
 
     def __init__(self, dim_x: int, dim_z: int) -> None:
         self.dim_x, self.dim_z = dim_x, dim_z
-        self.F = Live(np.eye(dim_x), _Square(dim_x, "F"))
-        self.H = Live(np.zeros((dim_z, dim_x)), _Matrix((dim_z, dim_x), "H", "(dim_z, dim_x)"))
-        self.Q = Live(np.eye(dim_x), _Covariance(dim_x, "Q"))
-        self.R = Live(np.eye(dim_z), _Covariance(dim_z, "R"))
-        self.M = Live(np.zeros((dim_x, dim_z)), _Matrix((dim_x, dim_z), "M", "(dim_x, dim_z)"))
+        self.F = Live(np.eye(dim_x), Square(dim_x, "F"))
+        self.H = Live(np.zeros((dim_z, dim_x)), General((dim_z, dim_x), "H", "(dim_z, dim_x)"))
+        self.Q = Live(np.eye(dim_x), CovarianceCheck(dim_x, "Q"))
+        self.R = Live(np.eye(dim_z), CovarianceCheck(dim_z, "R"))
+        self.M = Live(np.zeros((dim_x, dim_z)), General((dim_x, dim_z), "M", "(dim_x, dim_z)"))
         self.B: Live | None = None
         self.fading = 1.0
         self.form = 2
@@ -126,17 +128,18 @@ class FilterState:
         live: Live = getattr(self, name)
         if live.assign(value):
             self._model_changed()
-        self.watching |= live.watched
+        if live.handed is not None:
+            self.watching = True
 
     def assign_B(self, value: Any, dim_u: int) -> None:
         """The input matrix assigned from outside, None for no input."""
         self.touch()
         self.B = None
         if value is not None:
-            check = _Inputs(self.dim_x, dim_u)
+            check = Inputs(self.dim_x, dim_u)
             self.B = Live(check(value), check)
             self.B.assign(value)
-            self.watching |= self.B.watched
+            self.watching |= self.B.handed is not None
 
     def look(self) -> FilterState:
         """The state with every field worked out."""
@@ -166,11 +169,11 @@ class FilterState:
     def _settle_matrices(self) -> None:
         matrices = (self.F, self.H, self.Q, self.R, self.M, self.B)
         self._look_again(*matrices)
-        self.watching = any(live is not None and live.watched for live in matrices)
+        self.watching = any(live is not None and live.handed is not None for live in matrices)
 
     def _look_again(self, *matrices: Live | None) -> None:
         for live in matrices:
-            if live is not None and live.watched and live.changed() and live is not self.B:
+            if live is not None and live.handed is not None and live.changed() and live is not self.B:
                 self._model_changed()
 
     def _move(self, x: Array) -> None:
@@ -280,56 +283,3 @@ class FilterState:
 
     def _model_changed(self) -> None:
         """A model matrix got another value."""
-
-
-class _Matrix:
-    """Checks of one attribute, as values that pickle."""
-
-    def __init__(self, shape: tuple[int, int], name: str, meaning: str) -> None:
-        self.shape, self.name, self.meaning = shape, name, meaning
-
-    def __call__(self, value: Any) -> Array:
-        if not (isinstance(value, np.ndarray) and value.ndim == 2):
-            value = real(value, self.name)
-            if value.ndim < 2 and value.size == self.shape[0] * self.shape[1]:
-                value = value.reshape(self.shape)
-        return matrix(value, self.shape, self.name, self.meaning)
-
-
-class _Square:
-    def __init__(self, size: int, name: str) -> None:
-        self.size, self.name = size, name
-
-    def __call__(self, value: Any) -> Array:
-        if self.size == 1:
-            value = scalar(value, self.name)
-        return square(value, self.size, self.name, "(dim_x, dim_x)")
-
-
-class _Covariance:
-    def __init__(self, size: int, name: str) -> None:
-        self.size, self.name = size, name
-
-    def __call__(self, value: Any) -> Array:
-        if self.size == 1:
-            value = scalar(value, self.name)
-        return covariance(
-            value, self.size, self.name, "(dim_z, dim_z)" if self.name == "R" else "(dim_x, dim_x)"
-        )
-
-
-def scalar(value: Any, name: str) -> Array:
-    """A single number in whatever brackets, without them."""
-    array = real(value, name)
-    return array.reshape(()) if array.size == 1 else array
-
-
-class _Inputs:
-    def __init__(self, dim_x: int, dim_u: int) -> None:
-        self.dim_x, self.dim_u = dim_x, dim_u
-
-    def __call__(self, value: Any) -> Array:
-        array = real(value, "B")
-        if array.ndim < 2 and array.size == self.dim_x:
-            array = array.reshape(self.dim_x, 1)
-        return matrix(array, (self.dim_x, self.dim_u or None), "B", "(dim_x, dim_u)")

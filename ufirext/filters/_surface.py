@@ -13,9 +13,10 @@ from .._arrays import Array, covariance, integer, matrix, real
 from ..errors import ShapeError
 from ._arguments import measurement
 from ._attributes import Attributes
+from ._checks import scalar
 from ._describe import describe
 from ._series import PerStep, run_series, smooth_series
-from ._state import FilterState, scalar
+from ._state import FilterState
 from ._update import LOG_SMALLEST, log_normal
 
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.frames import Frames
+from ..engines.hands import QuickStep
 from ..engines.records import Step
 from ..engines.varying import Varying, estimate_of
 from ..window import Row
@@ -35,7 +36,8 @@ class VaryingState(WindowState):
         self.seen = 0  # step up to which the published fields are worked out
         self.at = 0  # step of the last update(), which left hot_x
         self.unseen = False  # whether that update() is still to be published
-        # Steps for which rows are remembered beyond their window, and after which a regular past is worth a look.
+        # Steps for which rows are remembered beyond their window; after so many regular ones the slow path
+        # looks for another engine.
         self.memory = self.patience = 0
         self.base: tuple[Array, int] = (self.x, 0)  # hot_x and `at` before it
         # The last estimate and the one before it: x, step, newest row, rows in the window.
@@ -70,9 +72,7 @@ class VaryingState(WindowState):
 
     # -- the verbs -------------------------------------------------------------------------------------------
 
-    def turn(
-        self, u: ArrayLike | None, B: ArrayLike | None, F: ArrayLike | None, Q: ArrayLike | None
-    ) -> bool:
+    def turn(self, u: ArrayLike | None, B: ArrayLike | None, F: Any, Q: ArrayLike | None) -> bool:
         """predict() on the hot path; False, with nothing done, where the slow path is needed."""
         engine = self.lane
         if engine is None or (sums := engine.sums).__class__ is not Frames:
@@ -81,19 +81,21 @@ class VaryingState(WindowState):
             self._look_again(self.F, self.Q, self.B)
         now = engine.now
         # The windows that covariances lean on must still be remembered when these are worked out.
-        if now - self.latest[1] > self.memory or now - self.irregular > self.patience or (self.stale and self._due(now)):
+        if now - self.latest[1] > self.memory or now - self.irregular > self.patience:
             return False
-        step: Step | None = None
-        if F is not None and u is None:
-            step = sums.step(F, self.Q.value if Q is None else self.Q.taken(Q))
-        if step is None:
+        if self.stale and self._due(now):
+            return False
+        raw = self.F.plain(F) if u is None else None
+        if raw is None:
             step = Step(*self.transition(u, B, F, Q))
-            F = step.F
-            if not (F is self.F.value and Q is None and step.known is None):
-                self.irregular = now
+            F_now = step.F
+            constant = F_now is self.F.value and Q is None and step.known is None
         else:
+            step, F_now = QuickStep.of(raw, self.Q.value if Q is None else self.Q.taken(Q)), F
+            constant = False
+        if not constant:
             self.irregular = now
-        engine.turned(sums, step, F)
+        engine.turned(sums, step, F_now)
         self.mode = TURNING
         return True
 
@@ -177,8 +179,8 @@ class VaryingState(WindowState):
             x = _moved(engine.step(number), x)
         if base < at:
             self.prior = x, P
-        row = self.given if isinstance(self.given, Row) else None
-        H, R = self.given if row is None else (row.H, row.R)
+        given = self.given
+        row, H, R = (given, given.H, given.R) if isinstance(given, Row) else (None, *given)
         self._last = (None if row is None else row.z, H, R, np.full(len(H), row is not None), x, P)
         self.post = x, P
         gain = Covariance.of(np.zeros((self.dim_x, 0)))

@@ -195,7 +195,7 @@ class DelayHInfinityFilter(LateFilter):
     def weight(self, value: ArrayLike) -> None:
         self._state.settle()
         self._state.weight.assign(value)
-        self._state.watching |= self._state.weight.watched
+        self._state.watching |= self._state.weight.handed is not None
 
     @property
     def guarantee(self) -> Guarantee:
