@@ -101,6 +101,26 @@ def test_putting_off_changes_nothing(axes, seed, horizon):
     assert turned > 3  # else this compared the slow path with itself
 
 
+@pytest.mark.parametrize("name", ["F", "Q", "H", "R"])
+@pytest.mark.parametrize("watched", [False, True])
+def test_a_matrix_assigned_at_every_step_counts_from_its_step_on(name, watched):
+    """Long after a constant past as well, when an engine of constant models could be thought of again."""
+    rng = np.random.default_rng(5)
+    assigned, given = configured(6, 1, 1), configured(6, 1, 1)
+    for k in range(500):
+        scale = 1.0 if k < 200 else rng.uniform(0.5, 2.0)
+        other = np.array([[1.0, scale], [0.0, 1.0]]) if name == "F" else scale * getattr(given, name)
+        z = rng.normal(size=(1, 1)) + 0.1 * k
+        setattr(assigned, name, other)
+        assigned.predict()
+        assigned.update(z)
+        given.predict(**{name: other} if name in "FQ" else {})
+        given.update(z, **{name: other} if name in "HR" else {})
+        if watched:
+            np.testing.assert_allclose(assigned.P, given.P, rtol=1e-9)
+        np.testing.assert_allclose(assigned.x, given.x, rtol=1e-9, atol=1e-12)
+
+
 def exact(history: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], horizon: int) -> list[float]:
     """Least squares over the last rows in rational arithmetic: F, z, R (diagonal), H of each step."""
     window = history[-horizon:]

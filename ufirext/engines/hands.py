@@ -47,24 +47,29 @@ class QuickStep(Step):
 class QuickRow(Row):
     """A row of this step whose arrays are made when somebody asks for them."""
 
-    signal: bytes  # of H
-    noise: bytes  # of R
-    values: tuple[float, ...]
+    m: int
+    packed: bytes  # H, R and z: one object, for long windows hold many of them
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array]:
+        numbers, m = np.frombuffer(self.packed), self.m
+        H, R, z = np.split(numbers, [len(numbers) - m * m - m, len(numbers) - m])
+        return H.reshape(m, -1), R.reshape(m, m), z
 
     @cached_property
     def H(self) -> Array:  # type: ignore[override]
         """Observation matrix, (m, dim_x)."""
-        return np.frombuffer(self.signal).reshape(len(self.values), -1)
-
-    @cached_property
-    def z(self) -> Array:  # type: ignore[override]
-        """Measurement, (m,)."""
-        return np.array(self.values)
+        return self._parts[0]
 
     @cached_property
     def R(self) -> Array:  # type: ignore[override]
         """Covariance of the measurement, (m, m)."""
-        return np.frombuffer(self.noise).reshape(len(self.values), -1)
+        return self._parts[1]
+
+    @cached_property
+    def z(self) -> Array:  # type: ignore[override]
+        """Measurement, (m,)."""
+        return self._parts[2]
 
 
 class Hands:
@@ -75,7 +80,9 @@ class Hands:
         self.m, self.n, self.shape_H, self.shape_R, self.gaps = m, n, (m, n), (m, m), m * m - m
         self.unpack_H: Any = Struct(f"{m * n}d").unpack
         self.unpack_R: Any = Struct(f"{m * m}d").unpack
-        self.unpack_z: Callable[[Any], tuple[float, ...]] = Struct(f"{m}d").unpack
+        plain = Struct(f"{m}d")
+        self.unpack_z: Callable[[Any], tuple[float, ...]] = plain.unpack
+        self.pack_z = plain.pack
         self.z: Any
         self.precision: Any
         joint, inverse = np.zeros((m, k)), np.zeros((m, m))  # [H, z] and R^-1 of the row that was read last
@@ -108,9 +115,9 @@ class Hands:
         total = sum(values)
         if total - total != 0.0:
             return None
-        n, above, information = self.n, self.m + 1, 0.0
+        m, n, information = self.m, self.n, 0.0
         for i, value in enumerate(values):
-            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * above]
+            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * m + i]
             if not (0.0 < norm < inf and 0.0 < variance < inf):
                 return None
             information += norm * norm / variance
@@ -125,7 +132,7 @@ class Hands:
             self.full_R = R
         self.H[...] = H
         row.origin = row.arrival = now
-        row.signal, row.noise, row.values = H.tobytes(), R.tobytes(), values
+        row.m, row.packed = m, H.tobytes() + R.tobytes() + self.pack_z(*values)
         return row
 
     def _numbers(self, z: Any) -> tuple[float, ...]:

@@ -7,6 +7,7 @@ or H, several rows of one step, missing components) is for the records.
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -183,8 +184,16 @@ class Ring(Slots):
     def adopt(self, records: Records) -> bool:
         """Take over a past of plain rows; False where it holds anything a ring of this model does not."""
         model = self.plan.model
+        F, Q = records.steps[-1].F, records.steps[-1].Q
+        if not (np.array_equal(F, model.F) and np.array_equal(Q, model.Q)):
+            return False
+        oldest = min((row.origin for row in records.rows), default=records.now)
+        constant = (
+            step.F is F and step.Q is Q
+            for step in islice(records.steps, max(0, oldest + 1 - records.first), None)
+        )
         inputs = any(step.known is not None for step in records.steps)
-        if inputs or records.after is not None or records.now != self.now:
+        if inputs or not all(constant) or records.after is not None or records.now != self.now:
             return False
         for row in records.rows:
             i = row.origin - self.base

@@ -21,10 +21,10 @@ class Live:
     with the frozen value at the next verb, only while somebody else may still hold it: else it is None.
     """
 
-    __slots__ = ("_check", "_raw", "handed", "value")
+    __slots__ = ("_raw", "check", "handed", "value")
 
     def __init__(self, value: Array, check: Check) -> None:
-        self._check = check
+        self.check = check
         self.handed: Array | None = None
         self._adopt(value)
 
@@ -41,14 +41,14 @@ class Live:
         """A new value from outside, validated; edits of the array assigned keep counting. True if it
         differs.
         """
-        raw = self._check.quick(value)
+        raw = self.check.quick(value)
         if raw is not None:
             self.handed = value if value.flags.writeable else None
             if raw == self._raw:
                 return False
             self.value, self._raw = readonly(value.copy()), raw
             return True
-        array = self._check(value)
+        array = self.check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self.handed = value if same and value.flags.writeable else None
         raw = array.tobytes()
@@ -68,14 +68,10 @@ class Live:
 
     def taken(self, value: Any) -> Array:
         """`value` for one call: checked, copied, or the frozen value where it is equal."""
-        raw = self._check.quick(value)
+        raw = self.check.quick(value)
         if raw is None:
-            return self._check(value)
+            return self.check(value)
         return self.value if raw == self._raw else value.copy()
-
-    def plain(self, value: Any) -> bytes | None:
-        """The bytes of a plainly right array of floats, None for whatever needs a closer look."""
-        return self._check.quick(value)
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""
@@ -88,9 +84,9 @@ class Live:
             if handed.base is None and sys.getrefcount(handed) <= _ALONE:
                 self.handed = None
             return False
-        self._adopt(self._check(handed))
+        self._adopt(self.check(handed))
         return True
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Live:
         # The client of the copy holds nothing yet; pending edits go along.
-        return Live(np.array(self.value if self.handed is None else self.handed), self._check)
+        return Live(np.array(self.value if self.handed is None else self.handed), self.check)

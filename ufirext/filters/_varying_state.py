@@ -70,6 +70,11 @@ class VaryingState(WindowState):
         if self.lane is None:
             self.leave()
 
+    def _model_changed(self) -> None:
+        super()._model_changed()
+        if self.lane is not None:
+            self.irregular = self.lane.now
+
     # -- the verbs -------------------------------------------------------------------------------------------
 
     def turn(self, u: ArrayLike | None, B: ArrayLike | None, F: Any, Q: ArrayLike | None) -> bool:
@@ -85,7 +90,7 @@ class VaryingState(WindowState):
             return False
         if self.stale and self._due(now):
             return False
-        raw = self.F.plain(F) if u is None else None
+        raw = self.F.check.quick(F) if u is None else None
         if raw is None:
             step = Step(*self.transition(u, B, F, Q))
             F_now = step.F

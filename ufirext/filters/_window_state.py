@@ -136,7 +136,7 @@ class WindowState(EngineState):
     # -- hooks -----------------------------------------------------------------------------------------------
 
     def _model_changed(self) -> None:
-        self.stale = True
+        self.stale, self.irregular = True, self.now
 
     def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
         engine = self._start(F, Q)
