@@ -33,7 +33,7 @@ def intake(buffer: Buffer) -> Callable[[Any], bool]:
     False, with nothing done, where z is missing, not finite, of another shape or type: that is for somebody
     who can say what is wrong.
     """
-    return {1: _intake_one, 2: _intake_two}.get(buffer.free.shape[1], _intake_many)(buffer)
+    return {1: _intake_one, 2: _intake_two, 3: _intake_three}.get(buffer.free.shape[1], _intake_many)(buffer)
 
 
 def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
@@ -63,7 +63,8 @@ def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
 
 
 def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
-    # Positions in the plane are what most measure: worth a version of its own, a fifth of a step.
+    # Positions in the plane and in space are what most measure: worth versions of their own, a fifth of a
+    # step each.
     cells: Any = buffer.free.reshape(-1).data
     capacity = buffer.capacity
     unpack: Callable[[Any], tuple[float, float]] = Struct("2d").unpack
@@ -82,6 +83,36 @@ def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
         end = buffer.end
         cells[end + end] = first
         cells[end + end + 1] = second
+        end += 1
+        buffer.end = end
+        if end == capacity:
+            buffer.compact()
+        return True
+
+    return put
+
+
+def _intake_three(buffer: Buffer) -> Callable[[Any], bool]:
+    cells: Any = buffer.free.reshape(-1).data
+    capacity = buffer.capacity
+    unpack: Callable[[Any], tuple[float, float, float]] = Struct("3d").unpack
+
+    def put(z: Any) -> bool:
+        if z.__class__ is not ARRAY or z.dtype is not FLOAT or z.ndim > 2:
+            return False
+        try:
+            first, second, third = unpack(z)
+        except StructError:
+            return False
+        except ValueError:
+            return put(z.copy()) if z.size == 3 else False
+        if first - first + second - second + third - third != 0.0:
+            return False
+        end = buffer.end
+        at = 3 * end
+        cells[at] = first
+        cells[at + 1] = second
+        cells[at + 2] = third
         end += 1
         buffer.end = end
         if end == capacity:

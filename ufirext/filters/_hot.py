@@ -95,15 +95,16 @@ class HotFilter(FilterSurface):
         """
         state: HotState = self._state  # type: ignore[assignment]
         mode = state.mode
-        if mode and ((u is None and F is None and Q is None) or mode >= TURNED):
+        if mode:
             x = state._x_handed
             if x is None or x.tobytes() == state._x_raw:
-                if mode == POSTED or (mode == PREDICTED and state.coast()):
+                if mode >= TURNED:
+                    if state.turn(u, B, F, Q):
+                        state._x_handed = None
+                        return
+                elif u is None and F is None and Q is None and (mode == POSTED or state.coast()):
                     state._x_handed = None
                     state.mode = PREDICTED
-                    return
-                if mode >= TURNED and state.turn(u, B, F, Q):
-                    state._x_handed = None
                     return
         super().predict(u, B, F, Q)
 
