@@ -17,6 +17,7 @@ from ..gains import observability_index
 from ..window import whitener
 from ._checks import Check
 from ._live import Live
+from ._state import FilterState
 from ._ufir_state import POSTED, PREDICTED, UFIRState
 
 MODEL = ("F", "H", "Q", "R")
@@ -134,7 +135,7 @@ class AdaptiveState(UFIRState):
     def of(cls, state: UFIRState) -> AdaptiveState:
         """Go on from where a filter with one horizon stands; its window is kept."""
         new = object.__new__(cls)
-        new.__dict__.update(state.__dict__)
+        new.__setstate__(FilterState.__getstate__(state))
         new._empty()
         new.engine = state._to_records()
         new.policy, new.horizon, new.refreshed, new.stale = "adaptive", None, None, True
@@ -143,7 +144,7 @@ class AdaptiveState(UFIRState):
     def single(self, kind: type[UFIRState]) -> UFIRState:
         """Go on as a filter with one horizon, from the longest window there is."""
         new = object.__new__(kind)
-        new.__dict__.update(self.__dict__)
+        new.__setstate__(FilterState.__getstate__(self))
         for name in OWN:
             del new.__dict__[name]
         new.engine = self._longest()

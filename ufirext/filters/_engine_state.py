@@ -31,7 +31,8 @@ class EngineState(FilterState):
         """A settled copy with an engine of its own; `torn` names what must not be shared and is made anew."""
         fork = object.__new__(type(self))
         live = {name: copy.deepcopy(self.__dict__[name]) for name in ("F", "H", "Q", "R", "M", "B")}
-        fork.__dict__.update(self.__dict__ | live | dict.fromkeys((*torn, "_x_handed", "_P_handed")))
+        fields = FilterState.__getstate__(self)
+        fork.__setstate__(fields | live | dict.fromkeys((*torn, "_x_handed", "_P_handed")))
         if self.engine is not None:
             fork.engine = self.engine.copy()
             fork.anchor = tuple(

@@ -38,9 +38,6 @@ class FMSState(EngineState):
         self.own_P = self.P
         self.lag_at = 0  # step of the last update
         self.lagged_then: Lagged | None = None  # of the last update, once somebody asked
-        self.mode = SLOW
-        self.put: Callable[[Any], bool] | None = None  # z into the ring
-        self.read: Callable[[], Array] | None = None  # x as one product, while the hot path holds
         self.read_lagged: Callable[[], Array] | None = None
         self.reading = 0  # form of x that the readers give
         self.seen = 0  # step up to which the published fields are worked out
@@ -306,7 +303,7 @@ class FMSState(EngineState):
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         torn = ("_x_handed", "_P_handed", "put", "read", "read_lagged")
-        return self.__dict__ | dict.fromkeys(torn)
+        return super().__getstate__() | dict.fromkeys(torn)
 
 
 def check_weight(R: Array) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +27,19 @@ SLOW, POSTED, PREDICTED, TURNED, TURNING = 0, 1, 2, 3, 4
 _ALL: dict[int, NDArray[np.bool_]] = {size: np.ones(size, dtype=np.bool_) for size in range(1, 65)}
 
 
-class FilterState:
+class Touched:
+    """What every verb of a hot path touches, in slots, which are quicker to reach than a large __dict__."""
+
+    __slots__ = HOT = ("_x_handed", "_x_raw", "mode", "put", "read")
+
+    mode: int
+    put: Callable[[Any], bool] | None  # z into the engine
+    read: Callable[[], Array] | None  # x, where it can wait until it is read
+    _x_handed: Array | None  # the client's array, while it may be edited
+    _x_raw: bytes  # what was in it
+
+
+class FilterState(Touched):
     """Estimate, covariance and model of a filter, with outside writes noticed and honoured.
 
     Subclasses say what a filter does: `_advance` (predict), `_absorb` (a measurement), `_skip` (none came),
@@ -52,10 +65,17 @@ class FilterState:
         self.watching = False
         self._asked: Array | None = None
         self._whole = False
-        self._x_handed: Array | None = None
-        self._x_raw = b""
+        self.mode, self.put, self.read = SLOW, None, None
+        self._x_handed, self._x_raw = None, b""
         self._P_handed: Array | None = None
         self._P_raw = b""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {name: getattr(self, name) for name in self.HOT}
+
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        for name, value in fields.items():
+            setattr(self, name, value)
 
     @property
     def last(self) -> Update | None:

@@ -43,7 +43,6 @@ class SteadyState(FilterState):
 
     def __init__(self, dim_x: int, dim_z: int) -> None:
         super().__init__(dim_x, dim_z)
-        self.mode = SLOW
         self.steady: Steady | None = None
         self.base = self.met = self.x  # estimate before the open step, and before the last update's step
         self.met_z: Array | None = None

@@ -33,8 +33,6 @@ class UFIRState(VaryingState):
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z, horizon, missing, window)
         self.ring: Ring | None = None  # the engine, while the hot path holds
-        self.put: Callable[[Any], bool] | None = None  # z into the ring
-        self.read: Callable[[], Array] | None = None  # x of a full plain window, which can wait until read
         self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
         self.plain_from = 0  # step since which there is a `read`
         self.uneven: Uneven | None = None  # the ring as it is used where there is none
@@ -298,4 +296,4 @@ class UFIRState(VaryingState):
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         self._detach()
-        return self.__dict__ | dict.fromkeys(("_x_handed", "_P_handed", "put", "readers", "uneven"))
+        return super().__getstate__() | dict.fromkeys(("_x_handed", "_P_handed", "put", "readers", "uneven"))

@@ -30,7 +30,6 @@ class VaryingState(WindowState):
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z, horizon, missing, window)
-        self.mode = SLOW
         self.lane: Varying | None = None  # the engine, while this hot path holds
         self.hot_x: Array | None = None  # x after the last hot update, in the client's form
         self.seen = 0  # step up to which the published fields are worked out
