@@ -6,11 +6,9 @@ contiguous: a product into room that stays takes half as long.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from math import hypot, inf
 from struct import Struct
-from struct import error as StructError  # noqa: N812
 from typing import Any
 
 import numpy as np
@@ -78,11 +76,8 @@ class Hands:
     def __init__(self, m: int, n: int) -> None:
         k = n + 1
         self.m, self.n, self.shape_H, self.shape_R, self.gaps = m, n, (m, n), (m, m), m * m - m
-        self.unpack_H: Any = Struct(f"{m * n}d").unpack
-        self.unpack_R: Any = Struct(f"{m * m}d").unpack
-        plain = Struct(f"{m}d")
-        self.unpack_z: Callable[[Any], tuple[float, ...]] = plain.unpack
-        self.pack_z = plain.pack
+        self.unpack_H, self.unpack_R = Struct(f"{m * n}d").unpack, Struct(f"{m * m}d").unpack
+        self.unpack_z, self.pack_z = Struct(f"{m}d").unpack, Struct(f"{m}d").pack
         self.z: Any
         self.precision: Any
         joint, inverse = np.zeros((m, k)), np.zeros((m, m))  # [H, z] and R^-1 of the row that was read last
@@ -105,13 +100,14 @@ class Hands:
             return None
         if H.shape != self.shape_H or R.shape != self.shape_R:
             return None
-        try:
-            numbers, noise, values = self.unpack_H(H), self.unpack_R(R), self._numbers(z)
-        except StructError:  # another size
+        if z.__class__ is ARRAY and z.dtype is FLOAT and z.size == self.m and z.ndim < 3:
+            raw_z = z.tobytes()
+        elif z.__class__ is float and self.m == 1:
+            raw_z = self.pack_z(z)
+        else:
             return None
-        except ValueError:  # not contiguous
-            tidy = (np.ascontiguousarray(H), np.ascontiguousarray(R))
-            return self.row(now, z.copy() if z.__class__ is ARRAY else z, *tidy)
+        raw_H, raw_R = H.tobytes(), R.tobytes()
+        numbers, noise, values = self.unpack_H(raw_H), self.unpack_R(raw_R), self.unpack_z(raw_z)
         total = sum(values)
         if total - total != 0.0:
             return None
@@ -126,21 +122,14 @@ class Hands:
         row = object.__new__(QuickRow)
         if noise.count(0.0) == self.gaps:
             self.full_R, row._information = None, information
-        elif R.tobytes() != R.T.tobytes() or not sum(map(abs, noise)) < inf:
+        elif raw_R != R.T.tobytes() or not sum(map(abs, noise)) < inf:
             return None
         else:
             self.full_R = R
         self.H[...] = H
         row.origin = row.arrival = now
-        row.m, row.packed = m, H.tobytes() + R.tobytes() + self.pack_z(*values)
+        row.m, row.packed = m, raw_H + raw_R + raw_z
         return row
-
-    def _numbers(self, z: Any) -> tuple[float, ...]:
-        if z.__class__ is ARRAY and z.dtype is FLOAT and z.ndim < 3:
-            return self.unpack_z(z)
-        if z.__class__ is float and self.m == 1:
-            return (z,)
-        raise StructError
 
     def see(self, products: Array) -> bool:
         """The last row in both frames, `products` the transposed transitions from these; False where R is
