@@ -86,10 +86,13 @@ def covariance(value: ArrayLike, size: int, name: str, meaning: str = "") -> Arr
 
 def plainly_covariance(array: Array) -> bool:
     """Whether a look is enough; False proves nothing."""
-    if not max(array.diagonal().tolist()) < math.inf:
+    if not max(array.diagonal().tolist()) < math.inf or array.tobytes() != array.T.tobytes():
         return False
-    if array.tobytes() != array.T.tobytes():
-        return False
+    return plainly_positive(array)
+
+
+def plainly_positive(array: Array) -> bool:
+    """Whether a finite symmetric matrix is plainly positive semidefinite; False proves nothing."""
     if is_positive_definite(array):
         return True
     lifted = array.copy()  # noise of fewer sources than states: a singular Q

@@ -35,6 +35,15 @@ class QuickStep(Step):
         step.raw, step.Q = raw, Q
         return step
 
+    @property
+    def leads(self) -> bytes:
+        """F, to be compared with."""
+        return self.raw
+
+    def repeats(self, other: Step) -> bool:
+        """Likewise, with no array made."""
+        return self.raw == other.leads and self.Q is other.Q
+
     @cached_property
     def F(self) -> Array:  # type: ignore[override]
         """Transition, (dim_x, dim_x)."""

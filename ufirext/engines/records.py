@@ -36,6 +36,15 @@ class Step:
     _affine: Array | None = field(default=None, init=False, repr=False)
 
     @property
+    def leads(self) -> bytes:
+        """F, to be compared with."""
+        return self.F.tobytes()
+
+    def repeats(self, other: Step) -> bool:
+        """Whether the transition is another step's."""
+        return (self.F is other.F or self.leads == other.leads) and self.Q is other.Q
+
+    @property
     def affine(self) -> Array:
         """E = [[F, known], [0, 1]], the transition of [x; 1]."""
         if self._affine is None:

@@ -184,16 +184,15 @@ class Ring(Slots):
     def adopt(self, records: Records) -> bool:
         """Take over a past of plain rows; False where it holds anything a ring of this model does not."""
         model = self.plan.model
-        F, Q = records.steps[-1].F, records.steps[-1].Q
-        if not (np.array_equal(F, model.F) and np.array_equal(Q, model.Q)):
+        last = records.steps[-1]
+        if not (np.array_equal(last.F, model.F) and np.array_equal(last.Q, model.Q)):
             return False
         oldest = min((row.origin for row in records.rows), default=records.now)
-        constant = (
-            step.F is F and step.Q is Q
-            for step in islice(records.steps, max(0, oldest + 1 - records.first), None)
-        )
+        steps = islice(records.steps, max(0, oldest + 1 - records.first), None)
+        if not all(step.repeats(last) for step in steps):
+            return False
         inputs = any(step.known is not None for step in records.steps)
-        if inputs or not all(constant) or records.after is not None or records.now != self.now:
+        if inputs or records.after is not None or records.now != self.now:
             return False
         for row in records.rows:
             i = row.origin - self.base

@@ -314,7 +314,7 @@ class AdaptiveState(UFIRState):
         fork = super().__deepcopy__(memo)
         for name in MODEL:
             # Frozen arrays may be shared, and the members know their model by identity.
-            getattr(fork, name).value = getattr(self, name).value
+            getattr(fork, name).share(getattr(self, name))
         own = {
             "bank": None if self.bank is None else self.bank.copy(),
             "members": [member.fork() for member in self.members],

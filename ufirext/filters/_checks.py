@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import isfinite
 from struct import unpack
 from typing import Any
 
 import numpy as np
 
-from .._arrays import FLOAT, Array, covariance, matrix, plainly_covariance, real, square
+from .._arrays import FLOAT, Array, covariance, matrix, plainly_covariance, plainly_positive, real, square
 
 # So many numbers are summed up as Python's floats more quickly than NumPy is asked.
 FEW = 24
@@ -75,12 +75,14 @@ class Covariance(Check):
         if not (value.__class__ is np.ndarray and value.dtype is FLOAT and value.shape == self.shape):
             return None
         raw: bytes = value.tobytes()
-        if self.few:
-            size, numbers = self.shape[0], unpack(self.format, raw)
-            if numbers.count(0.0) == size * size - size:
-                variances = numbers[:: size + 1]
-                return raw if min(variances) > 0.0 and sum(variances) < inf else None
-        return raw if plainly_covariance(value) else None
+        if not self.few:
+            return raw if plainly_covariance(value) else None
+        size, numbers = self.shape[0], unpack(self.format, raw)
+        if not isfinite(sum(numbers)):
+            return None
+        if numbers.count(0.0) == size * size - size:
+            return raw if min(numbers[:: size + 1]) > 0.0 else None
+        return raw if raw == value.T.tobytes() and plainly_positive(value) else None
 
     def __call__(self, value: Any) -> Array:
         """A scalar stands for a multiple of the identity."""

@@ -21,7 +21,7 @@ class Live:
     with the frozen value at the next verb, only while somebody else may still hold it: else it is None.
     """
 
-    __slots__ = ("_raw", "check", "handed", "value")
+    __slots__ = ("_value", "check", "handed", "raw")
 
     def __init__(self, value: Array, check: Check) -> None:
         self.check = check
@@ -29,7 +29,21 @@ class Live:
         self._adopt(value)
 
     def _adopt(self, value: Array) -> None:
-        self.value, self._raw = readonly(value), value.tobytes()
+        self._value: Array | None = readonly(value)
+        self.raw = value.tobytes()
+
+    @property
+    def value(self) -> Array:
+        """The matrix, frozen; the same object for as long as it does not change."""
+        value = self._value
+        if value is None:  # a plain array was assigned, and nobody asked so far
+            value = self._value = np.frombuffer(self.raw).reshape(self.check.shape)
+        return value
+
+    @property
+    def present(self) -> Array:
+        """The matrix in whichever array there is, to be read at once; for one that has been looked at."""
+        return self.value if self.handed is None else self.handed
 
     def hand_out(self) -> Array:
         """The client's editable array; edits count from the next verb on."""
@@ -44,17 +58,17 @@ class Live:
         raw = self.check.quick(value)
         if raw is not None:
             self.handed = value if value.flags.writeable else None
-            if raw == self._raw:
+            if raw == self.raw:
                 return False
-            self.value, self._raw = readonly(value.copy()), raw
+            self._value, self.raw = None, raw
             return True
         array = self.check(value)
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self.handed = value if same and value.flags.writeable else None
         raw = array.tobytes()
-        if raw == self._raw and array.shape == self.value.shape:
+        if raw == self.raw and array.shape == self.value.shape:
             return False
-        self.value, self._raw = readonly(array), raw
+        self._value, self.raw = readonly(array), raw
         return True
 
     def known(self, value: Any) -> Array | None:
@@ -62,7 +76,7 @@ class Live:
         identity.
         """
         own = self.value
-        if value.__class__ is np.ndarray and value.tobytes() == self._raw:
+        if value.__class__ is np.ndarray and value.tobytes() == self.raw:
             return own if value.shape == own.shape and value.dtype == own.dtype else None
         return None
 
@@ -71,14 +85,14 @@ class Live:
         raw = self.check.quick(value)
         if raw is None:
             return self.check(value)
-        return self.value if raw == self._raw else value.copy()
+        return self.value if raw == self.raw else value.copy()
 
     def changed(self) -> bool:
         """Adopt an edit made in place; True if there was one."""
         handed = self.handed
         if handed is None:
             return False
-        if handed.tobytes() == self._raw:
+        if handed.tobytes() == self.raw:
             # Whoever holds a view holds its base: an array that is a view itself can be edited behind our
             # back.
             if handed.base is None and sys.getrefcount(handed) <= _ALONE:
@@ -86,6 +100,10 @@ class Live:
             return False
         self._adopt(self.check(handed))
         return True
+
+    def share(self, other: Live) -> None:
+        """Know an equal matrix by the identity of another one's."""
+        self._value = other.value
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Live:
         # The client of the copy holds nothing yet; pending edits go along.

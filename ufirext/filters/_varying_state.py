@@ -89,14 +89,16 @@ class VaryingState(WindowState):
             return False
         if self.stale and self._due(now):
             return False
-        raw = self.F.check.quick(F) if u is None else None
+        raw = None
+        if u is None:
+            raw = self.F.raw if F is None else self.F.check.quick(F)
         if raw is None:
             step = Step(*self.transition(u, B, F, Q))
             F_now = step.F
-            constant = F_now is self.F.value and Q is None and step.known is None
         else:
-            step, F_now = QuickStep.of(raw, self.Q.value if Q is None else self.Q.taken(Q)), F
-            constant = False
+            step = QuickStep.of(raw, self.Q.value if Q is None else self.Q.taken(Q))
+            F_now = self.F.present if F is None else F
+        constant = F is None and Q is None and step.known is None
         if not constant:
             self.irregular = now
         engine.turned(sums, step, F_now)
@@ -112,15 +114,12 @@ class VaryingState(WindowState):
             self._look_again(self.H, self.R)
         if z is None:
             return H is None and R is None and self._blank(engine)
-        row = sums.row(engine.now, z, self.H.value if H is None else H, self.R.value if R is None else R)
+        row = sums.row(engine.now, z, self.H.present if H is None else H, self.R.present if R is None else R)
         if row is None or engine.negligible(row):
             return False
         if self.mode == TURNED:
             self.look()  # a second row of this step meets what the first one left
-        if H is None:
-            row.__dict__["H"] = self.H.value  # what is constant is known by identity
-        if R is None:
-            row.__dict__["R"] = self.R.value
+        self._known(row, H, R)
         if H is not None or R is not None or self.mode == TURNED:
             self.irregular = engine.now
         x = engine.joined(sums, row)
@@ -132,6 +131,13 @@ class VaryingState(WindowState):
         self.at, self.latest, self.unseen, self.mode = now, (x, now, row, sums.rows), True, TURNED
         self.given = row
         return True
+
+    def _known(self, row: Row, H: Any, R: Any) -> None:
+        """What is constant is known by identity."""
+        if H is None and self.H.handed is None:
+            row.H = self.H.value
+        if R is None and self.R.handed is None:
+            row.R = self.R.value
 
     def _blank(self, engine: Varying) -> bool:
         """update(None): nothing came."""
