@@ -6,7 +6,7 @@ do to a ring is what `advance` and `add` do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from typing import Any, NamedTuple
@@ -85,10 +85,8 @@ def _opening(ring: Ring) -> Callable[[bool], None]:
 
 def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any, bool], int]:
     m, horizon = ring.free.shape[1], ring.limits.horizon
-    width = m * SIZE
     put, numbers, weigh = intake(ring), _numbers(m), _weighing(ring.plan.model.R)
-    scaled, pack_into = _SCALED.get(m, _scaled), Struct(f"{m}d").pack_into
-    cells: Any = ring.free.data.cast("B")
+    cells: Any = ring.free.reshape(-1).data
     weights: Any = ring.weights.data
     arrivals: Any = ring.arrivals.data
     raw: Array | None = None
@@ -119,16 +117,20 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
         now = ring.base + i
         i -= delay
         weight, noise = weighed
-        if noise is None:
-            pack_into(cells, i * width, *values)
-        else:
+        if noise is not None:
             ring.weighted[now - delay] = noise, values
-            pack_into(cells, i * width, *scaled(weight, values))
+        at = i * m
+        for value in values:
+            cells[at] = weight * value
+            at += 1
         if ring.raw is not raw:
             raw = ring.raw
-            copies = None if raw is None else raw.data.cast("B")
+            copies = None if raw is None else raw.reshape(-1).data
         if copies is not None:
-            pack_into(copies, i * width, *values)
+            at = i * m
+            for value in values:
+                copies[at] = value
+                at += 1
         weights[i], arrivals[i], ring.newest_age = weight, now, delay
         if delay or noise is not None:
             ring.irregular = now
@@ -159,27 +161,14 @@ def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
     return numbers
 
 
-def _scaled(w: float, values: tuple[float, ...]) -> Iterable[float]:
-    return [w * value for value in values]
-
-
-# A list costs more than a few products.
-_SCALED: dict[int, Callable[[float, Any], Iterable[float]]] = {
-    1: lambda w, z: (w * z[0],),
-    2: lambda w, z: (w * z[0], w * z[1]),
-    3: lambda w, z: (w * z[0], w * z[1], w * z[2]),
-}
-
-
 def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
     """w where R_row = R / w, and the bytes of R_row where it is another; None for whatever is not plainly so,
     or far from 1.
     """
     m, shape, base = len(R), R.shape, R.ravel().tolist()
-    unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m * m}d").unpack
-    unpack_one: Callable[[Any], tuple[float]] = Struct("d").unpack
-    first, gap = base[0], bytes(m * SIZE)
-    isotropic = base == [first if i % (m + 1) == 0 else 0.0 for i in range(m * m)]
+    unpack: Callable[[bytes], tuple[float, ...]] = Struct(f"{m * m}d").unpack
+    first, gaps, step = base[0], m * m - m, m + 1
+    isotropic = base.count(0.0) == gaps and base[::step].count(first) == m
 
     def weigh(given: Any) -> tuple[float, bytes | None] | None:
         if given.__class__ is np.ndarray and given.dtype is FLOAT and given.shape == shape:
@@ -188,13 +177,13 @@ def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
             noise = FLOAT.type(given).tobytes()
         else:
             return None
-        corner = noise[:SIZE]
-        (variance,) = unpack_one(corner)
+        numbers = unpack(noise)
+        variance = numbers[0]
         if not variance > 0.0:
             return None
         weight = first / variance
-        if not (isotropic and (corner + gap) * (m - 1) + corner == noise):
-            for ours, theirs in zip(base, unpack(noise), strict=True):
+        if not (isotropic and numbers.count(0.0) == gaps and numbers[::step].count(variance) == m):
+            for ours, theirs in zip(base, numbers, strict=True):
                 if not abs(ours - weight * theirs) <= 1e-15 * abs(ours):
                     return None
         if weight == 1.0:
