@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,8 @@ from ..engines.records import measured
 from ..errors import ShapeError
 from ..model import Model
 from ._arguments import input_matrix, input_vector
+from ._checks import Check, General, Inputs, Square
 from ._checks import Covariance as CovarianceCheck
-from ._checks import General, Inputs, Square
 from ._live import Live
 from ._update import Update
 
@@ -25,6 +26,26 @@ from ._update import Update
 SLOW, POSTED, PREDICTED, TURNED, TURNING = 0, 1, 2, 3, 4
 # Masks of measurements with every component present.
 _ALL: dict[int, NDArray[np.bool_]] = {size: np.ones(size, dtype=np.bool_) for size in range(1, 65)}
+
+
+@lru_cache(maxsize=64)
+def _blanks(dim_x: int, dim_z: int) -> tuple[tuple[Array, Check], ...]:
+    """F, H, Q, R and M of a new filter, and their checks; trackers make many filters of one kind."""
+    return (
+        (np.eye(dim_x), Square(dim_x, "F")),
+        (np.zeros((dim_z, dim_x)), General((dim_z, dim_x), "H", "(dim_z, dim_x)")),
+        (np.eye(dim_x), CovarianceCheck(dim_x, "Q")),
+        (np.eye(dim_z), CovarianceCheck(dim_z, "R")),
+        (np.zeros((dim_x, dim_z)), General((dim_x, dim_z), "M", "(dim_x, dim_z)")),
+    )
+
+
+@lru_cache(maxsize=128)
+def _model(dim_x: int, dim_z: int, F: bytes, H: bytes, Q: bytes, R: bytes) -> Model:
+    """The model of these matrices, looked at once."""
+    n, m = dim_x, dim_z
+    F_now, H_now, Q_now, R_now = (np.frombuffer(raw) for raw in (F, H, Q, R))
+    return Model(F_now.reshape(n, n), H_now.reshape(m, n), Q_now.reshape(n, n), R_now.reshape(m, m))
 
 
 class Touched:
@@ -48,18 +69,14 @@ class FilterState(Touched):
 
     def __init__(self, dim_x: int, dim_z: int) -> None:
         self.dim_x, self.dim_z = dim_x, dim_z
-        self.F = Live(np.eye(dim_x), Square(dim_x, "F"))
-        self.H = Live(np.zeros((dim_z, dim_x)), General((dim_z, dim_x), "H", "(dim_z, dim_x)"))
-        self.Q = Live(np.eye(dim_x), CovarianceCheck(dim_x, "Q"))
-        self.R = Live(np.eye(dim_z), CovarianceCheck(dim_z, "R"))
-        self.M = Live(np.zeros((dim_x, dim_z)), General((dim_x, dim_z), "M", "(dim_x, dim_z)"))
+        self.F, self.H, self.Q, self.R, self.M = (Live(*blank) for blank in _blanks(dim_x, dim_z))
         self.B: Live | None = None
         self.fading = 1.0
         self.form = 2
         self.now = 0
         self.updated = False
         self.x: Array = np.zeros(dim_x)
-        self.P = Covariance.of(np.eye(dim_x))
+        self.P = Covariance.of(self.Q.value)  # as for filterpy, the identity
         self.prior = self.post = (self.x, self.P)
         self._last: Update | tuple[Any, ...] | None = None
         self.watching = False
@@ -262,7 +279,7 @@ class FilterState(Touched):
 
     def model(self) -> Model:
         """The model as it stands, as a value."""
-        return Model(self.F.value, self.H.value, self.Q.value, self.R.value)
+        return _model(self.dim_x, self.dim_z, self.F.raw, self.H.raw, self.Q.raw, self.R.raw)
 
     def keep_P(self, P: Covariance, last: Update | None = None) -> None:
         """Undo the covariance part of the last verb (filterpy's steady-state verbs); `last` lends K and S."""
