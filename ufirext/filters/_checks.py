@@ -80,8 +80,9 @@ class Covariance(Check):
         size, numbers = self.shape[0], unpack(self.format, raw)
         if not isfinite(sum(numbers)):
             return None
-        if numbers.count(0.0) == size * size - size:
-            return raw if min(numbers[:: size + 1]) > 0.0 else None
+        variances = numbers[:: size + 1]
+        if numbers.count(0.0) - variances.count(0.0) == size * size - size:
+            return raw if min(variances) >= 0.0 else None
         return raw if raw == value.T.tobytes() and plainly_positive(value) else None
 
     def __call__(self, value: Any) -> Array:
