@@ -37,12 +37,8 @@ class QuickStep(Step):
 
     @property
     def leads(self) -> bytes:
-        """F, to be compared with."""
+        """F, with no array made."""
         return self.raw
-
-    def repeats(self, other: Step) -> bool:
-        """Likewise, with no array made."""
-        return self.raw == other.leads and self.Q is other.Q
 
     @cached_property
     def F(self) -> Array:  # type: ignore[override]

@@ -42,7 +42,7 @@ class Step:
 
     def repeats(self, other: Step) -> bool:
         """Whether the transition is another step's."""
-        return (self.F is other.F or self.leads == other.leads) and self.Q is other.Q
+        return self.leads == other.leads and self.Q is other.Q
 
     @property
     def affine(self) -> Array:

@@ -94,16 +94,12 @@ class Covariance(Check):
 class Inputs(Check):
     """Input matrices, whose columns are free unless dim_u tells."""
 
-    def __init__(self, dim_x: int, dim_u: int) -> None:
-        super().__init__((dim_x, dim_u))
-        self.dim_x, self.dim_u = dim_x, dim_u
-
     def __call__(self, value: Any) -> Array:
         """A vector is a column."""
-        array = real(value, "B")
-        if array.ndim < 2 and array.size == self.dim_x:
-            array = array.reshape(self.dim_x, 1)
-        return matrix(array, (self.dim_x, self.dim_u or None), "B", "(dim_x, dim_u)")
+        array, (rows, columns) = real(value, "B"), self.shape
+        if array.ndim < 2 and array.size == rows:
+            array = array.reshape(rows, 1)
+        return matrix(array, (rows, columns or None), "B", "(dim_x, dim_u)")
 
 
 def scalar(value: Any, name: str) -> Array:

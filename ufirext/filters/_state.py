@@ -173,7 +173,7 @@ class FilterState(Touched):
         self.touch()
         self.B = None
         if value is not None:
-            check = Inputs(self.dim_x, dim_u)
+            check = Inputs((self.dim_x, dim_u))
             self.B = Live(check(value), check)
             self.B.assign(value)
             self.watching |= self.B.handed is not None
