@@ -12,7 +12,7 @@ from .._lapack import cholesky_solver
 from ..model import Model
 from ..window import model_window
 
-__all__ = ["WEAK_PIVOT", "Basis", "Memory"]
+__all__ = ["WEAK_PIVOT", "Basis", "Memory", "Solve"]
 
 # A pivot below this (the full window's are 1) means that the rows present are too few for normal equations.
 WEAK_PIVOT = 1e-3
@@ -22,6 +22,13 @@ LARGE = 4096
 MEMORY, FLOAT, OVERHEAD = 2**21, 8, 400
 # Modes below this fraction of the largest are rounding.
 ROUNDING = 1e-15
+# Coordinates of x no further from orthogonal than this (a condition number, its square that of the normal
+# equations) cost them no digits that matter.
+SKEW = 10.0
+
+Solve = Callable[[Array, Array], Array | None]
+"""x of weights (length,) and weighted measurements, oldest first; None where the rows are too few for normal
+equations."""
 
 
 class Basis:
@@ -40,10 +47,12 @@ class Basis:
         blocks = U[:, :r].reshape(length, model.dim_z, r)
         self.back = np.ascontiguousarray((window.T / window.scale) @ (Vt[:r].T / s[:r]))
         # eta = project @ (weighted raw measurements), Lam = the product of all `grams` with the weights
-        self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
-        grams = (blocks.transpose(0, 2, 1) @ blocks).reshape(length, -1).T
-        self.grams = _factors(np.ascontiguousarray(grams))
+        self.grams, self.project = _normal_equations(blocks, window.W[0])
         self.sound = window.determined() and r > 0
+        # The same in the coordinates of x, where these are good enough; then the solution is x itself.
+        self.direct: tuple[tuple[Array, ...], Array] | None = None
+        if self.sound and _skew(self.back) < SKEW:
+            self.direct = _normal_equations(blocks @ np.linalg.inv(self.back), window.W[0])
 
     def gain(self, weights: Array) -> Array | None:
         """x = gain @ (weighted measurements); None where a solver finds too few rows."""
@@ -57,32 +66,35 @@ class Basis:
             return None
         return np.ascontiguousarray(self.back @ solution)
 
-    def solver(self, columns: bool = False) -> Callable[[Array, Array], Array | None]:
-        """solve(weights, free): x of weights (length,) and weighted measurements, oldest first; None where
-        the rows are too few for normal equations.
+    def solver(self, columns: bool = False, holes: bool = True) -> Solve:
+        """solve(weights, free): x of weights (length,) and weighted measurements, oldest first.
 
-        `free` is (length dim_z,) or, with `columns`, (length dim_z, 1), and so is x. Every solver has a
+        `free` is (length dim_z,) or, with `columns`, (length dim_z, 1), and so is x. Without `holes` every
+        row must have come, with a weight not far from 1: such rows are never too few. Every solver has a
         buffer of its own.
         """
-        r = self.rank
         if not self.sound:
             return _nothing
+        grams, project = self.grams, self.project.dot
+        back: Any = self.back.dot
+        if not holes and self.direct is not None:
+            grams, project, back = self.direct[0], self.direct[1].dot, None
         factorise: Any = cholesky_solver()
-        project, back = self.project.dot, self.back.dot
-        gram, *inner = (factor.dot for factor in self.grams)
-        # Lam, overwritten by its factor, and eta, overwritten by the solution, where LAPACK wants them to be.
-        flat, eta = np.zeros(r * r), np.zeros((r, 1) if columns else r)
-        matrix, pivots, right = flat.reshape(r, r).T, flat[:: r + 1], eta.reshape(r, 1)
+        gram, *inner = (factor.dot for factor in grams)
+        # Lam, overwritten by its factor where LAPACK wants it to be.
+        r = self.rank
+        flat = np.zeros(r * r)
+        matrix, pivots = flat.reshape(r, r).T, flat[:: r + 1]
 
         def solve(weights: Array, free: Array) -> Array | None:
             for factor in inner:
                 weights = factor(weights)
             gram(weights, flat)
-            project(free, eta)
-            if factorise(matrix, right, 0, 1, 1)[2] or min(pivots.tolist()) < WEAK_PIVOT:
+            solution: Array
+            _, solution, failed = factorise(matrix, project(free), 0, 1, 1)
+            if failed or (holes and min(pivots.tolist()) < WEAK_PIVOT):
                 return None
-            x: Array = back(eta)
-            return x
+            return solution if back is None else back(solution)
 
         return solve
 
@@ -123,6 +135,20 @@ class Memory:
 
 def _nothing(weights: Array, free: Array) -> Array | None:
     return None
+
+
+def _skew(back: Array) -> float:
+    """How far the components of x are from being uncorrelated in the full window."""
+    sizes = np.linalg.norm(back, axis=1, keepdims=True)
+    square = back.shape[0] == back.shape[1] and sizes.all()
+    return float(np.linalg.cond(back / sizes)) if square else np.inf
+
+
+def _normal_equations(blocks: Array, W: Array) -> tuple[tuple[Array, ...], Array]:
+    """What weights and measurements are multiplied by, for whitened rows `blocks` (length, dim_z, rank)."""
+    length, _, r = blocks.shape
+    grams = (blocks.transpose(0, 2, 1) @ blocks).reshape(length, -1).T
+    return _factors(np.ascontiguousarray(grams)), np.ascontiguousarray((W.T @ blocks).reshape(-1, r).T)
 
 
 def _factors(grams: Array) -> tuple[Array, ...]:

@@ -41,6 +41,7 @@ class Slots:
         self._default()
         self.begin: int | None = None  # step of the oldest row
         self.irregular = now - 1  # newest step that broke the plain sequence
+        self.opened_empty = now  # newest step whose slot did not come with a row of an ordinary weight
         self.spread = 0  # longest delay seen
         self.newest_age = 0  # of the row that came last
         self.weighted: dict[
@@ -98,6 +99,7 @@ class Slots:
             self.irregular = self.now
         self.end += 1
         self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
+        self.opened_empty = self.now
         if known is not None or self.inputs is not None:
             inputs = self._trajectory()
             inputs.advance(i, self.plan.model.F, known)

@@ -7,14 +7,15 @@ do to a ring is what `advance` and `add` do.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from struct import Struct
 from struct import error as StructError  # noqa: N812
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from .._arrays import FLOAT, Array
-from .basis import Memory
+from .basis import Memory, Solve
 from .lean import intake
 from .records import Solution
 from .ring import GROWING_GAINS, Ring
@@ -22,6 +23,7 @@ from .slots import NEVER, ORDINARY
 
 __all__ = ["REGULAR", "Point", "Uneven", "uneven"]
 
+ARRAY = np.ndarray
 SIZE = FLOAT.itemsize
 # What became of a row: nothing was done; it has its slot; and so has every one of the last horizon.
 REFUSED, LAID, REGULAR = 0, 1, 2
@@ -34,7 +36,8 @@ Point = tuple[Array, bytes | Solution, int, int]
 the age of its newest row."""
 
 
-class Uneven(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Uneven:
     """What can be done to a window with holes, weights or late rows.
 
     `step(True)` goes on by a slot that stays empty; `lay(z, delay, R, opens)` puts a row into the slot of its
@@ -68,7 +71,7 @@ def _opening(ring: Ring) -> Callable[[bool], None]:
         if empty:
             cells[end * width : (end + 1) * width] = nothing
             weights[end], arrivals[end] = 0.0, NEVER
-            ring.irregular = ring.base + end
+            ring.irregular = ring.opened_empty = ring.base + end
         ring.end = end + 1
         if spread and by_arrival:
             # Rows that arrived a horizon ago leave the working copy, wherever their origins lie.
@@ -89,13 +92,15 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
     cells: Any = ring.free.reshape(-1).data
     weights: Any = ring.weights.data
     arrivals: Any = ring.arrivals.data
+    capacity = ring.capacity
     raw: Array | None = None
     copies: Any = None  # cells of `raw`
 
     def lay(z: Any, delay: int, R: Any, opens: bool) -> int:
         nonlocal raw, copies
-        if R is None and opens and not delay and ring.raw is None:
-            # Slots ahead are plain rows, and nothing leaves but with its slot.
+        # Slots ahead are plain rows; without a late past, nothing leaves but with its slot.
+        ahead = opens and not delay and ring.raw is None
+        if ahead and R is None:
             if not put(z):
                 return REFUSED
             ring.newest_age = 0
@@ -104,6 +109,20 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
         weighed = PLAIN if R is None else weigh(R)
         if values is None or weighed is None:
             return REFUSED
+        weight, noise = weighed
+        if ahead and noise is not None:
+            end = ring.end
+            at = end * m
+            for value in values:
+                cells[at] = weight * value
+                at += 1
+            weights[end] = weight
+            ring.irregular = now = ring.base + end
+            ring.weighted[now] = noise, values
+            ring.newest_age, ring.end = 0, end + 1
+            if end + 1 == capacity:
+                ring.compact()
+            return LAID
         if delay or not opens:
             i = ring.end - delay - (not opens)
             # A row later than any before moves the window's end: that is not for the hot path.
@@ -116,7 +135,6 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
         i = ring.end - 1
         now = ring.base + i
         i -= delay
-        weight, noise = weighed
         if noise is not None:
             ring.weighted[now - delay] = noise, values
         at = i * m
@@ -145,7 +163,7 @@ def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
     unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m}d").unpack
 
     def numbers(z: Any) -> tuple[float, ...] | None:
-        if z.__class__ is not np.ndarray:
+        if z.__class__ is not ARRAY:
             return (float(z),) if m == 1 and isinstance(z, float) and z - z == 0.0 else None
         if z.dtype is not FLOAT or z.ndim > 2:
             return None
@@ -167,11 +185,13 @@ def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
     """
     m, shape, base = len(R), R.shape, R.ravel().tolist()
     unpack: Callable[[bytes], tuple[float, ...]] = Struct(f"{m * m}d").unpack
-    first, gaps, step = base[0], m * m - m, m + 1
-    isotropic = base.count(0.0) == gaps and base[::step].count(first) == m
+    first = base[0]
+    # A multiple of the unit matrix, after its first number.
+    below: tuple[float, ...] = (0.0,) * m
+    isotropic = base[1:] == [*below, first] * (m - 1)
 
     def weigh(given: Any) -> tuple[float, bytes | None] | None:
-        if given.__class__ is np.ndarray and given.dtype is FLOAT and given.shape == shape:
+        if given.__class__ is ARRAY and given.dtype is FLOAT and given.shape == shape:
             noise = given.tobytes()
         elif m == 1 and isinstance(given, float):
             noise = FLOAT.type(given).tobytes()
@@ -182,7 +202,7 @@ def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:
         if not variance > 0.0:
             return None
         weight = first / variance
-        if not (isotropic and numbers.count(0.0) == gaps and numbers[::step].count(variance) == m):
+        if not (isotropic and numbers[1:] == (*below, variance) * (m - 1)):
             for ours, theirs in zip(base, numbers, strict=True):
                 if not abs(ours - weight * theirs) <= 1e-15 * abs(ours):
                     return None
@@ -199,15 +219,18 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
     spread, span, full = -1, 0, -1
     views: list[tuple[Array, Array] | None] = []
     memory: Memory | None = None  # where patterns recur
-    solve: Callable[[Array, Array], Array | None] = _unsolved
+    solve: Solve = _unsolved
+    weigh: Solve = _unsolved  # where every slot has its row
     enough = -1  # step up to which the window cannot have fewer than the least rows
 
     def resize(wanted: int) -> None:
-        nonlocal span, views, memory, solve
+        nonlocal span, views, memory, solve, weigh
         found = ring.memory(wanted)
         memory = found if found.recalls else None
         if wanted != span:
-            span, views, solve = wanted, [None] * (ring.capacity + 1), ring.plan.basis(wanted).solver(column)
+            basis = ring.plan.basis(wanted)
+            span, views = wanted, [None] * (ring.capacity + 1)
+            solve, weigh = basis.solver(column), basis.solver(column, holes=False)
 
     def view(end: int) -> tuple[Array, Array]:
         z = flat[(end - span) * m : end * m]
@@ -249,7 +272,7 @@ def _estimating(ring: Ring, column: bool) -> Callable[[], Point | None]:
             if spare < 0:
                 return few(weights, free)
             enough = now + spare // (spread + 1)  # no more leave in a step
-        x = solve(weights, free)
+        x = (solve if spread or now - ring.opened_empty < span else weigh)(weights, free)
         return None if x is None else (x, key, now, ring.newest_age)
 
     return estimate

@@ -182,9 +182,7 @@ class UFIRState(VaryingState):
                 handed = self._x_handed = self.turned_x()
                 self._x_raw = handed.tobytes()
                 return handed
-            x = self.hot_x
-            if x is None:
-                x = self._fetch() if self.read is None else self.read()
+            x = self.posted_x()
             if x is not None:
                 if self.mode == PREDICTED:
                     x = self.F.value.dot(x)
