@@ -83,11 +83,6 @@ class Member(UFIRState):
         x = self.posted_x() if self.mode else None
         return self.x if x is None else x
 
-    def warm(self) -> None:
-        """The hot path is for the model that the ring was made for."""
-        if all(old is getattr(self, name).value for name, old in zip(MODEL, self.anchor, strict=False)):
-            super().warm()
-
     def _enter(self, engine: Varying) -> None:
         """Arguments come to a member checked and copied: nothing is left to be saved."""
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Self
 
 from .._arrays import Array
 from ..engines.covariance import Covariance
-from ._state import FilterState
+from ._state import POSTED, SLOW, TURNED, WATCHED, FilterState
 from ._update import innovation_gain, joseph
 
 
@@ -17,6 +17,33 @@ class EngineState(FilterState):
 
     engine: Any
     anchor: tuple[Array, ...]
+
+    def __init__(self, dim_x: int, dim_z: int) -> None:
+        super().__init__(dim_x, dim_z)
+        self.intake: Callable[[Any], bool] | None = None  # z into a ring: `put`, while nothing is watched
+
+    def _anchored(self) -> bool:
+        """Whether the model still is the one that the engine was made for."""
+        return all(old is getattr(self, name).value for name, old in zip("FHQR", self.anchor, strict=False))
+
+    # -- model matrices that the client holds ----------------------------------------------------------------
+
+    def watch(self) -> None:
+        """From here on somebody may hold a model matrix, and edit it; a constant model's hot path goes on."""
+        if self.mode == SLOW or self.mode >= TURNED:
+            super().watch()
+            return
+        self._watch_all()
+        self.put = None
+        if self.mode == POSTED:
+            self.mode = WATCHED
+
+    def _model_stands(self) -> bool:
+        """Whether a hot verb may go by the model as it was; z takes the short way while none watches."""
+        if self.watching and not self._intact():
+            return False
+        self.put = None if self.watching else self.intake
+        return True
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""

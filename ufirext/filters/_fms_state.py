@@ -17,7 +17,7 @@ from ..errors import CovarianceError, UnobservableWindow
 from ..minimum_variance import shortest_window
 from ..window import Row
 from ._engine_state import EngineState
-from ._state import POSTED, PREDICTED, SLOW
+from ._state import POSTED, PREDICTED, SLOW, WATCHED
 
 
 class FMSState(EngineState):
@@ -81,7 +81,7 @@ class FMSState(EngineState):
         ring = PairRing.of(pair_plan(self.model(), self.horizon, self.lag), engine)
         if ring is not None:
             self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
-            self.put = None
+            self.put = self.intake = None
         return ring
 
     def _folds(self) -> Segmented:
@@ -185,27 +185,24 @@ class FMSState(EngineState):
     def warm(self) -> None:
         """Go over to the hot path if nothing stands against it."""
         ring = self.engine
-        settled = not self.watching and self._P_handed is None
-        if (
-            isinstance(ring, PairRing)
-            and ring.now == self.now == self.ready_at
-            and settled
-            and ring.path is None
-        ):
-            self.mode, self.seen = POSTED, ring.now
-            if self.put is None:
-                self.put, self.reading = intake(ring), 0
+        if not isinstance(ring, PairRing) or ring.path is not None or self._P_handed is not None:
+            return
+        if ring.now == self.now == self.ready_at and self._anchored():
+            self.mode, self.seen = WATCHED if self.watching else POSTED, ring.now
+            if self.intake is None:
+                self.intake, self.reading = intake(ring), 0
+            self.put = None if self.watching else self.intake
             if self.reading != self.form:
                 (self.read, self.read_lagged), self.reading = ring.readers(self.form == 2), self.form
 
     def coast(self) -> bool:
         """A step without an update always goes the slow path."""
-        return False
+        return self.mode == WATCHED and self._model_stands()
 
     def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        usual = self.mode == PREDICTED and R is None and not delay
-        return usual and self.put is not None and self.put(z)
+        usual = self.mode == PREDICTED and R is None and not delay and self._model_stands()
+        return usual and self.intake is not None and self.intake(z)
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""
@@ -298,11 +295,11 @@ class FMSState(EngineState):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FMSState:
         self.settle()
-        return self._forked(("put", "read", "read_lagged"))
+        return self._forked(("put", "intake", "read", "read_lagged"))
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
-        torn = ("_x_handed", "_P_handed", "put", "read", "read_lagged")
+        torn = ("_x_handed", "_P_handed", "put", "intake", "read", "read_lagged")
         return super().__getstate__() | dict.fromkeys(torn)
 
 

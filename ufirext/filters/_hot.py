@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array
 from ._live import Live
-from ._state import POSTED, PREDICTED, SLOW, TURNED
+from ._state import POSTED, PREDICTED, TURNED, WATCHED
 from ._surface import FilterSurface
 
 
@@ -20,7 +20,10 @@ class HotState(Protocol):
     """
 
     mode: int
+    watching: bool
+    F: Live
     H: Live
+    Q: Live
     put: Callable[[Any], bool] | None
     read: Callable[[], Array] | None
     hot_x: Any
@@ -31,7 +34,9 @@ class HotState(Protocol):
         """The state, editable; edits count from the next verb on."""
 
     def coast(self) -> bool:
-        """predict() after a predict(): False, with nothing done, where the slow path is needed."""
+        """predict() after a predict(), or while model matrices are watched: False, with nothing done, where
+        the slow path is needed.
+        """
 
     def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """update() where z alone is not all: False, with nothing done, where the slow path is needed."""
@@ -102,7 +107,12 @@ class HotFilter(FilterSurface):
                     if state.turn(u, B, F, Q):
                         state._x_handed = None
                         return
-                elif u is None and F is None and Q is None and (mode == POSTED or state.coast()):
+                elif (
+                    u is None
+                    and (F is None or state.F.known(F) is not None)
+                    and (Q is None or state.Q.known(Q) is not None)
+                    and (mode == POSTED or state.coast())
+                ):
                     state._x_handed = None
                     state.mode = PREDICTED
                     return
@@ -134,16 +144,16 @@ class HotFilter(FilterSurface):
             if put is not None and state.read is not None and put(z):
                 state.mode = POSTED
                 return
-        if SLOW < mode < TURNED and delay.__class__ is int:
+        if mode >= TURNED:
+            x = state._x_handed
+            if delay == 0 and (x is None or x.tobytes() == state._x_raw) and state.join(z, R, H):
+                state._x_handed = None
+                return
+        elif mode and delay.__class__ is int:
             x = state._x_handed
             regular = x is None or x.tobytes() == state._x_raw
             if regular and (H is None or state.H.known(H) is not None) and state.take(z, R, delay):
                 state._x_handed = None
-                state.mode = POSTED
-                return
-        elif mode >= TURNED and delay == 0:
-            x = state._x_handed
-            if (x is None or x.tobytes() == state._x_raw) and state.join(z, R, H):
-                state._x_handed = None
+                state.mode = WATCHED if state.watching else POSTED
                 return
         super().update(z, R, H, delay=delay)

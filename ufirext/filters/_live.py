@@ -51,11 +51,10 @@ class Live:
             self.handed = self.value.copy()
         return self.handed
 
-    def assign(self, value: Any) -> bool:
+    def assign(self, value: Any, raw: bytes | None = None) -> bool:
         """A new value from outside, validated; edits of the array assigned keep counting. True if it
-        differs.
+        differs. `raw`: what a quick check of it has shown.
         """
-        raw = self.check.quick(value)
         if raw is not None:
             self.handed = value if value.flags.writeable else None
             if raw == self.raw:
@@ -87,18 +86,23 @@ class Live:
             return self.check(value)
         return self.value if raw == self.raw else value.copy()
 
-    def changed(self) -> bool:
-        """Adopt an edit made in place; True if there was one."""
+    def intact(self) -> bool:
+        """Whether the client's array is what it was; let go of where nobody else holds it any more."""
         handed = self.handed
         if handed is None:
+            return True
+        if handed.tobytes() != self.raw:
             return False
-        if handed.tobytes() == self.raw:
-            # Whoever holds a view holds its base: an array that is a view itself can be edited behind our
-            # back.
-            if handed.base is None and sys.getrefcount(handed) <= _ALONE:
-                self.handed = None
+        # Whoever holds a view holds its base: an array that is a view itself can be edited behind our back.
+        if handed.base is None and sys.getrefcount(handed) <= _ALONE:
+            self.handed = None
+        return True
+
+    def changed(self) -> bool:
+        """Adopt an edit made in place; True if there was one."""
+        if self.intact():
             return False
-        self._adopt(self.check(handed))
+        self._adopt(self.check(self.handed))
         return True
 
     def share(self, other: Live) -> None:

@@ -63,11 +63,8 @@ class RobustState(LiftedState):
         self.tilted = False  # whether the P of this step is J^-1 already
         self.bare: Array | None = None  # P of this step before it was tilted
 
-    def _settle_matrices(self) -> None:
-        super()._settle_matrices()
-        if self.weight.handed is not None and self.weight.changed():
-            self._model_changed()
-        self.watching |= self.weight.handed is not None
+    def _matrices(self) -> tuple[Live | None, ...]:
+        return *super()._matrices(), self.weight
 
     def _held(self) -> Any:
         return self.tall.P, self.account, self.tilted, self.bare

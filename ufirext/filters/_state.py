@@ -22,8 +22,9 @@ from ._live import Live
 from ._update import Update
 
 # Where a filter stands: on the slow path; on the hot one of constant models after an update() or a predict();
-# likewise on that of models which change.
+# likewise on that of models which change. WATCHED is POSTED while somebody holds a model matrix.
 SLOW, POSTED, PREDICTED, TURNED, TURNING = 0, 1, 2, 3, 4
+WATCHED = -1
 # Masks of measurements with every component present.
 _ALL: dict[int, NDArray[np.bool_]] = {size: np.ones(size, dtype=np.bool_) for size in range(1, 65)}
 
@@ -79,7 +80,8 @@ class FilterState(Touched):
         self.P = Covariance.of(self.Q.value)  # as for filterpy, the identity
         self.prior = self.post = (self.x, self.P)
         self._last: Update | tuple[Any, ...] | None = None
-        self.watching = False
+        self.watching = False  # whether the client may hold model matrices; which, when verbs last looked
+        self.watched: tuple[Live, ...] = ()
         self._asked: Array | None = None
         self._whole = False
         self.mode, self.put, self.read = SLOW, None, None
@@ -127,10 +129,10 @@ class FilterState(Touched):
 
     def hand_out(self, name: str) -> Array:
         """A model matrix, editable; edits count from the next verb on."""
-        self.touch()
-        self.watching = True
         live: Live = getattr(self, name)
-        return live.hand_out()
+        handed = live.hand_out()
+        self.watch()
+        return handed
 
     def hand_out_P(self) -> Array:
         """The covariance, editable; edits count from the next verb on."""
@@ -161,12 +163,14 @@ class FilterState(Touched):
 
     def assign(self, name: str, value: Any) -> None:
         """A model matrix assigned from outside."""
-        self.touch()
         live: Live = getattr(self, name)
-        if live.assign(value):
+        raw = live.check.quick(value)
+        if raw != live.raw:
+            self.touch()
+        if live.assign(value, raw):
             self._model_changed()
-        if live.handed is not None:
-            self.watching = True
+        if live.handed is not None and live not in self.watched:
+            self.watch()
 
     def assign_B(self, value: Any, dim_u: int) -> None:
         """The input matrix assigned from outside, None for no input."""
@@ -176,15 +180,41 @@ class FilterState(Touched):
             check = Inputs((self.dim_x, dim_u))
             self.B = Live(check(value), check)
             self.B.assign(value)
-            self.watching |= self.B.handed is not None
+            if self.B.handed is not None:
+                self.watch()
 
     def look(self) -> FilterState:
         """The state with every field worked out."""
         return self
 
     def touch(self) -> None:
-        """A model matrix is about to be handed out or assigned."""
+        """A model matrix is about to be changed."""
         self.leave()
+
+    def watch(self) -> None:
+        """From here on somebody may hold a model matrix, and edit it."""
+        self.touch()
+        self.watching = True
+
+    def _intact(self) -> bool:
+        """Whether nothing that is watched was edited; what nobody holds any more need not be watched."""
+        for live in self.watched:
+            if not live.intact():
+                return False
+            if live.handed is None:
+                self._watch_all()
+        return True
+
+    def _watch_all(self) -> None:
+        """Watch everything that somebody may hold."""
+        self.watched = tuple(
+            live for live in self._matrices() if live is not None and live.handed is not None
+        )
+        self.watching = bool(self.watched)
+
+    def _matrices(self) -> tuple[Live | None, ...]:
+        """All that may be handed out."""
+        return self.F, self.H, self.Q, self.R, self.M, self.B
 
     def leave(self) -> None:
         """Leave the hot path, if there is one; edits in place may be half done and are not looked at."""
@@ -204,9 +234,8 @@ class FilterState(Touched):
             self._move(finite(handed.reshape(self.dim_x).copy(), "x"))
 
     def _settle_matrices(self) -> None:
-        matrices = (self.F, self.H, self.Q, self.R, self.M, self.B)
-        self._look_again(*matrices)
-        self.watching = any(live is not None and live.handed is not None for live in matrices)
+        self._look_again(*self._matrices())
+        self._watch_all()
 
     def _look_again(self, *matrices: Live | None) -> None:
         for live in matrices:

@@ -74,6 +74,8 @@ class SteadyState(FilterState):
         steady = self.steady
         if steady is None or not self._unedited():
             return False
+        if self.watching and not self._intact():
+            return False
         if z.__class__ is not np.ndarray or z.dtype != float:
             if z is None:
                 return False

@@ -20,7 +20,7 @@ from ..engines.records import Solution
 from ..engines.ring import Ring
 from ..engines.uneven import REGULAR, Point, Uneven, uneven
 from ..engines.varying import Varying
-from ._state import POSTED, PREDICTED, SLOW
+from ._state import POSTED, PREDICTED, SLOW, WATCHED
 from ._varying_state import VaryingState
 from ._window_state import MISSING, WINDOWS, checked_horizon
 
@@ -44,7 +44,7 @@ class UFIRState(VaryingState):
         self.silent = 0  # of these, the last ones that had no update() either
 
     def _ring(self, now: int) -> Ring:
-        self.put = self.readers = self.uneven = None
+        self.put = self.intake = self.readers = self.uneven = None
         return super()._ring(now)
 
     def _hot_ring(self) -> Ring:
@@ -72,11 +72,11 @@ class UFIRState(VaryingState):
             and ring.inputs is None
             and ring.ordinary
             and solution is not None
-            and not self.watching
             and not (self.stale and self.policy == "auto")
-            and all(a is live.value for a, live in zip(self.anchor, self._model_matrices(), strict=True))
+            and self._anchored()
         ):
-            self.mode, self.seen, self.ring, self.missed, self.silent = POSTED, ring.now, ring, 0, 0
+            self.mode = WATCHED if self.watching else POSTED
+            self.seen, self.ring, self.missed, self.silent = ring.now, ring, 0, 0
             if self.uneven is not None and self.uneven.column != (self.form == 2):
                 self.uneven = None
             self.hot_x = self.shaped(self.x)
@@ -89,9 +89,10 @@ class UFIRState(VaryingState):
         gain = ring.plan.gain(ring.limits.horizon) if ring.settled else None
         if gain is None:
             return
-        if self.put is None or self.readers is None:
-            self.put = intake(ring)
+        if self.intake is None or self.readers is None:
+            self.intake = intake(ring)
             self.readers = reading(ring, gain, column=False), reading(ring, gain, column=True)
+        self.put = None if self.watching else self.intake
         self.read, self.plain_from, self.hot_x = self.readers[self.form == 2], ring.now, None
 
     def _hands(self) -> Uneven:
@@ -105,11 +106,14 @@ class UFIRState(VaryingState):
         """The hot path's update() where z alone is not all; False, with nothing done, where the slow path is
         needed.
         """
+        if (self.watching or self.put is None) and not self._model_stands():
+            return False
         opens = self.mode == PREDICTED
         if z is None:
             return opens and R is None and not delay and self._miss(updates=True)
-        if self.read is not None and self.put is not None and opens and R is None and not delay:
-            return self.put(z)
+        plainly = self.read is not None and opens and not delay
+        if plainly and self.intake is not None and (R is None or self.R.known(R) is not None):
+            return self.intake(z)
         point = self._stand() if self.hot_x is None else self.point
         laid = point is not None and (self.uneven or self._hands()).lay(z, delay, R, opens)
         if not laid:
@@ -124,8 +128,8 @@ class UFIRState(VaryingState):
         return True
 
     def coast(self) -> bool:
-        """The hot path's predict() after a predict()."""
-        return self._miss(updates=False)
+        """The hot path's predict() after a predict(), or while somebody holds a model matrix."""
+        return self._model_stands() and (self.mode == WATCHED or self._miss(updates=False))
 
     def _miss(self, updates: bool) -> bool:
         ring = self._hot_ring()
@@ -289,9 +293,10 @@ class UFIRState(VaryingState):
     def __deepcopy__(self, memo: dict[int, Any]) -> UFIRState:
         self.settle()
         self._detach()
-        return self._forked(("put", "readers", "uneven"))
+        return self._forked(("put", "intake", "readers", "uneven"))
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         self._detach()
-        return super().__getstate__() | dict.fromkeys(("_x_handed", "_P_handed", "put", "readers", "uneven"))
+        torn = ("_x_handed", "_P_handed", "put", "intake", "readers", "uneven")
+        return super().__getstate__() | dict.fromkeys(torn)

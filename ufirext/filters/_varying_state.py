@@ -82,7 +82,8 @@ class VaryingState(WindowState):
         if engine is None or (sums := engine.sums).__class__ is not Frames:
             return False
         if self.watching:
-            self._look_again(self.F, self.Q, self.B)
+            # A horizon chosen from the model may follow from H and R too.
+            self._look_again(*(self._matrices() if self.policy == "auto" else (self.F, self.Q, self.B)))
         now = engine.now
         # The windows that covariances lean on must still be remembered when these are worked out.
         if now - self.latest[1] > self.memory or now - self.irregular > self.patience:

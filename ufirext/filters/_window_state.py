@@ -17,7 +17,6 @@ from ..gains import observability_index
 from ..model import Model
 from ..window import Row
 from ._engine_state import EngineState
-from ._live import Live
 
 # Horizon where the model determines none (it is unobservable at every horizon: the filter coasts).
 FALLBACK_HORIZON = 10
@@ -110,9 +109,6 @@ class WindowState(EngineState):
                 if ring.adopt(engine):
                     engine = self.engine = ring
         return engine
-
-    def _model_matrices(self) -> tuple[Live, Live, Live, Live]:
-        return self.F, self.H, self.Q, self.R
 
     def _general(self, F: Array, Q: Array) -> Records:
         return Varying(F, Q, self.now, self.limits)
