@@ -20,7 +20,7 @@ class EngineState(FilterState):
 
     def __init__(self, dim_x: int, dim_z: int) -> None:
         super().__init__(dim_x, dim_z)
-        self.intake: Callable[[Any], bool] | None = None  # z into a ring: `put`, while nothing is watched
+        self.intake: Callable[[Any], bool] | None = None  # z into a ring
 
     def _anchored(self) -> bool:
         """Whether the model still is the one that the engine was made for."""
@@ -37,13 +37,6 @@ class EngineState(FilterState):
         self.put = None
         if self.mode == POSTED:
             self.mode = WATCHED
-
-    def _model_stands(self) -> bool:
-        """Whether a hot verb may go by the model as it was; z takes the short way while none watches."""
-        if self.watching and not self._intact():
-            return False
-        self.put = None if self.watching else self.intake
-        return True
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""

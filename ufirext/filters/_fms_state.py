@@ -197,12 +197,14 @@ class FMSState(EngineState):
 
     def coast(self) -> bool:
         """A step without an update always goes the slow path."""
-        return self.mode == WATCHED and self._model_stands()
+        return self.mode == WATCHED and self._intact()
 
     def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
-        usual = self.mode == PREDICTED and R is None and not delay and self._model_stands()
-        return usual and self.intake is not None and self.intake(z)
+        if self.mode != PREDICTED or R is not None or delay or self.intake is None or not self._intact():
+            return False
+        self.put = None if self.watching else self.intake
+        return self.intake(z)
 
     def hand_out_x(self) -> Array:
         """The state, editable; edits count from the next verb on."""

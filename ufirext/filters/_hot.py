@@ -100,7 +100,13 @@ class HotFilter(FilterSurface):
         """
         state: HotState = self._state  # type: ignore[assignment]
         mode = state.mode
-        if mode:
+        if mode == POSTED and u is None and F is None and Q is None:
+            x = state._x_handed
+            if x is None or x.tobytes() == state._x_raw:
+                state._x_handed = None
+                state.mode = PREDICTED
+                return
+        elif mode:
             x = state._x_handed
             if x is None or x.tobytes() == state._x_raw:
                 if mode >= TURNED:
@@ -141,7 +147,7 @@ class HotFilter(FilterSurface):
         mode = state.mode
         if mode == PREDICTED and R is None and H is None and delay == 0 and state._x_handed is None:
             put = state.put
-            if put is not None and state.read is not None and put(z):
+            if put is not None and put(z):
                 state.mode = POSTED
                 return
         if mode >= TURNED:

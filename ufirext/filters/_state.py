@@ -55,7 +55,7 @@ class Touched:
     __slots__ = HOT = ("_x_handed", "_x_raw", "mode", "put", "read")
 
     mode: int
-    put: Callable[[Any], bool] | None  # z into the engine
+    put: Callable[[Any], bool] | None  # z into the engine, where nothing else need be done or watched
     read: Callable[[], Array] | None  # x, where it can wait until it is read
     _x_handed: Array | None  # the client's array, while it may be edited
     _x_raw: bytes  # what was in it

@@ -85,7 +85,7 @@ class UFIRState(VaryingState):
 
     def _read_plainly(self, ring: Ring) -> None:
         """From here on x is one product, if the window is full and without holes."""
-        self.read = None
+        self.read = self.put = None
         gain = ring.plan.gain(ring.limits.horizon) if ring.settled else None
         if gain is None:
             return
@@ -106,13 +106,14 @@ class UFIRState(VaryingState):
         """The hot path's update() where z alone is not all; False, with nothing done, where the slow path is
         needed.
         """
-        if (self.watching or self.put is None) and not self._model_stands():
+        if self.watching and not self._intact():
             return False
         opens = self.mode == PREDICTED
         if z is None:
             return opens and R is None and not delay and self._miss(updates=True)
         plainly = self.read is not None and opens and not delay
         if plainly and self.intake is not None and (R is None or self.R.known(R) is not None):
+            self.put = None if self.watching else self.intake
             return self.intake(z)
         point = self._stand() if self.hot_x is None else self.point
         laid = point is not None and (self.uneven or self._hands()).lay(z, delay, R, opens)
@@ -120,7 +121,7 @@ class UFIRState(VaryingState):
             return False
         if opens:
             self.opened = point
-        self.faced, self.came, self.hot_x, self.read = point, delay, None, None
+        self.faced, self.came, self.hot_x, self.read, self.put = point, delay, None, None, None
         self.missed = self.silent = 0
         self.seen = -1
         if laid == REGULAR:
@@ -129,7 +130,7 @@ class UFIRState(VaryingState):
 
     def coast(self) -> bool:
         """The hot path's predict() after a predict(), or while somebody holds a model matrix."""
-        return self._model_stands() and (self.mode == WATCHED or self._miss(updates=False))
+        return self._intact() and (self.mode == WATCHED or self._miss(updates=False))
 
     def _miss(self, updates: bool) -> bool:
         ring = self._hot_ring()
@@ -139,7 +140,7 @@ class UFIRState(VaryingState):
         self.hot_x = self.F.value.dot(point[0] if self.hot_x is None else self.hot_x)
         if self.read is not None:
             self._face_plainly(ring)
-            self.read = None
+            self.read = self.put = None
         self._hands().step(True)
         self.missed += 1
         if updates:
@@ -277,7 +278,7 @@ class UFIRState(VaryingState):
             self._hot_ring().advance(None)
             self.now += 1 + self.silent
             self.updated = False
-        self.mode, self.silent, self.ring, self.read = SLOW, 0, None, None
+        self.mode, self.silent, self.ring, self.read, self.put = SLOW, 0, None, None, None
         self.point = self.opened = self.faced = self.hot_x = None
 
     def _detach(self) -> None:
