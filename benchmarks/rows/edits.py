@@ -1,4 +1,4 @@
-"""Streams in which somebody writes x between steps: filterpy's IMM, a corrected x, known inputs."""
+"""Streams in which the client has a hand: filterpy's IMM, a corrected x, known inputs, matrices it holds."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.harness import Contest, Row, Run
 from benchmarks.peers import kalman, peer, ufir
+from benchmarks.rows.streaming import stepped
 from benchmarks.streams import columns, drive, model_of
 from ufirext import Model
 
@@ -104,6 +105,25 @@ def _driven(steps: int) -> Contest:
     return Contest(side(ufir(HORIZON)), side(kalman), steps)
 
 
+def _held(steps: int) -> Contest:
+    """The client keeps the arrays of F, H, Q and R, and may edit them at any time."""
+    model = model_of(4)
+    zs = columns(drive(2, steps + HORIZON + 8))
+    given = {name: getattr(model, name).copy() for name in ("F", "H", "Q", "R")}
+
+    def side(make: Callable[[Model], Any]) -> Callable[[], Run]:
+        def prepare() -> Run:
+            f = make(model)
+            for name, array in given.items():
+                setattr(f, name, array)
+            stepped(f, zs[:-steps])()
+            return stepped(f, zs[-steps:])
+
+        return prepare
+
+    return Contest(side(ufir(HORIZON)), side(kalman), steps)
+
+
 FILTERPY = "filterpy KalmanFilter"
 EDIT = "predict + update(z) + edit x"
 
@@ -112,4 +132,5 @@ ROWS = [
     Row("edits/assign", f"{EDIT} (f.x = ..)", FILTERPY, 1, partial(_edited, _assign)),
     Row("edits/in-place", f"{EDIT} (f.x[0] += ..)", FILTERPY, 1, partial(_edited, _in_place)),
     Row("edits/input", "predict(u) + update(z) + read x", FILTERPY, 1, _driven),
+    Row("edits/held", "predict + update(z) + read x, F, H, Q, R held", FILTERPY, 3, _held),
 ]
