@@ -129,11 +129,14 @@ def check_covariance(array: Array, name: str) -> None:
 def column(value: ArrayLike, size: int, name: str) -> Array:
     """A vector of `size` in any of filterpy's forms (scalar, list, row, column) as a flat (size,) array."""
     array = real(value, name)
-    if array.shape == (size,):
+    shape = array.shape
+    if shape == (size,):
         return array
     flat = array.reshape(-1)
-    if flat.size != size or array.ndim > 2 or sum(n != 1 for n in array.shape) > 1:
-        raise ShapeError(f"{name} must hold {size} number{'s' if size != 1 else ''}, got shape {array.shape}")
+    if shape == (size, 1):
+        return flat
+    if flat.size != size or array.ndim > 2 or sum(n != 1 for n in shape) > 1:
+        raise ShapeError(f"{name} must hold {size} number{'s' if size != 1 else ''}, got shape {shape}")
     return flat
 
 

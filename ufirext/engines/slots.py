@@ -95,15 +95,16 @@ class Slots:
     def advance(self, known: Array | None) -> None:
         """One predict(): a new slot that nothing has come for yet."""
         i = self.end
+        now = self.base + i
         if self.arrivals[i - 1] == NEVER:
-            self.irregular = self.now
-        self.end += 1
+            self.irregular = now - 1
+        self.end = i + 1
         self.free[i], self.weights[i], self.arrivals[i] = 0.0, 0.0, NEVER
-        self.opened_empty = self.now
+        self.opened_empty = now
         if known is not None or self.inputs is not None:
             inputs = self._trajectory()
             inputs.advance(i, self.plan.model.F, known)
-            if self.now - inputs.rebased >= REBASE * self.limits.horizon:
+            if now - inputs.rebased >= REBASE * self.limits.horizon:
                 self._rebase(inputs)
         if self.spread and self.limits.by_arrival:
             self._expire_one()

@@ -36,7 +36,7 @@ def input_vector(u: ArrayLike, size: int) -> Array:
     if array.ndim == 0 and size != 1 and array == 0.0:
         return np.zeros(size)  # filterpy's batch and MMAE pass u = 0 for no input
     flat = column(array, size, "u")
-    if not np.isfinite(flat).all():
+    if not flat.dot(flat) < np.inf and not np.isfinite(flat).all():
         raise NonFiniteError(f"u must be finite, got {flat}")
     return flat
 
