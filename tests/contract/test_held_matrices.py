@@ -132,3 +132,52 @@ def test_f_written_between_the_verbs_counts_from_the_next_predict_on(kind, writt
         twin.update(z)
         if kind != "UFIR auto":  # whose horizon follows the attribute
             np.testing.assert_allclose(f.x, twin.x, rtol=1e-9, atol=1e-9)
+
+
+def _edited_late(kind, hold, edit, edited_at=130):
+    """x of a filter whose F is held from step 120 on and edited later, and of one that is told."""
+    rng = np.random.default_rng(1)
+    f, twin = FILTERS[kind](), FILTERS[kind]()
+    _set_up(f, {})
+    _set_up(twin, {})
+    held = None
+    for step in range(160):
+        if step == edited_at:
+            edit(held)
+            twin.F = np.array([[1.0, 0.7], [0.0, 1.0]])
+        f.predict()
+        twin.predict()
+        if (step, hold[0]) == (120, "predicted"):
+            held = hold[1](f)
+        z = rng.normal(size=(1, 1)) + step
+        f.update(z)
+        twin.update(z)
+        if (step, hold[0]) == (120, "updated"):
+            held = hold[1](f)
+        yield f.x, twin.x
+
+
+@pytest.mark.parametrize("edited_at", [121, 130])
+@pytest.mark.parametrize("when", ["predicted", "updated"])
+@pytest.mark.parametrize("kind", FILTERS)
+def test_a_matrix_that_was_read_long_after_the_start_is_live(kind, when, edited_at):
+    def edit(F):
+        F[0, 1] = 0.7
+
+    for x, expected in _edited_late(kind, (when, lambda f: f.F), edit, edited_at):
+        np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_a_matrix_that_is_part_of_a_larger_array_is_live(kind):
+    def part(f):
+        whole = np.eye(4)
+        whole[:2, :2] = MODEL["F"]
+        f.F = whole[:2, :2]
+        return whole
+
+    def edit(whole):
+        whole[0, 1] = 0.7
+
+    for x, expected in _edited_late(kind, ("updated", part), edit):
+        np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-9)

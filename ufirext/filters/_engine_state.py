@@ -53,6 +53,7 @@ class EngineState(FilterState):
         live = {name: copy.deepcopy(self.__dict__[name]) for name in ("F", "H", "Q", "R", "M", "B")}
         fields = FilterState.__getstate__(self)
         fork.__setstate__(fields | live | dict.fromkeys((*torn, "_x_handed", "_P_handed")))
+        fork.watched = ()
         if self.engine is not None:
             fork.engine = self.engine.copy()
             fork.anchor = tuple(

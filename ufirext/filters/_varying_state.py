@@ -65,7 +65,7 @@ class VaryingState(WindowState):
         return self.refreshed is None or now - self.refreshed >= (self.horizon or 0)
 
     def touch(self) -> None:
-        """A model matrix is about to be handed out or assigned: steps keep their own, so nothing is lost."""
+        """A model matrix is about to be changed: steps keep their own, so nothing is lost."""
         if self.lane is None:
             self.leave()
 
