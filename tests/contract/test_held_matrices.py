@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from ufirext import DelayHInfinityFilter, DelayKalmanFilter, FMSFilterSmoother, UFIRFilter
+from ufirext.filters._checks import Square
+from ufirext.filters._live import Live
 
 STEPS = 260
 MODEL = {
@@ -181,3 +183,14 @@ def test_a_matrix_that_is_part_of_a_larger_array_is_live(kind):
 
     for x, expected in _edited_late(kind, ("updated", part), edit):
         np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_an_array_is_watched_for_as_long_as_somebody_holds_it():
+    live = Live(np.eye(2), Square(2, "F"))
+    held = np.eye(2)
+    live.assign(held)
+    assert live.intact()
+    assert live.handed is held
+    del held
+    assert live.intact()
+    assert live.handed is None

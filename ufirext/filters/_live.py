@@ -10,7 +10,8 @@ import numpy as np
 from .._arrays import Array, readonly
 from ._checks import Check
 
-# sys.getrefcount of an array that only a Live holds: its slot, the local name and the call's own argument.
+# sys.getrefcount(self.handed) of an array that only a Live holds: its slot, a local name and the argument. An
+# argument that is a local name itself is only lent from Python 3.14 on, and not counted.
 _ALONE = 3
 
 
@@ -94,7 +95,7 @@ class Live:
         if handed.tobytes() != self.raw:
             return False
         # Whoever holds a view holds its base: an array that is a view itself can be edited behind our back.
-        if handed.base is None and sys.getrefcount(handed) <= _ALONE:
+        if handed.base is None and sys.getrefcount(self.handed) <= _ALONE:
             self.handed = None
         return True
 
