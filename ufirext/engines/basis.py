@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,12 +48,21 @@ class Basis:
         blocks = U[:, :r].reshape(length, model.dim_z, r)
         self.back = np.ascontiguousarray((window.T / window.scale) @ (Vt[:r].T / s[:r]))
         # eta = project @ (weighted raw measurements), Lam = the product of all `grams` with the weights
-        self.grams, self.project = _normal_equations(blocks, window.W[0])
+        self.project = np.ascontiguousarray((window.W[0].T @ blocks).reshape(-1, r).T)
+        grams = (blocks.transpose(0, 2, 1) @ blocks).reshape(length, -1).T
+        self.grams = _factors(np.ascontiguousarray(grams))
         self.sound = window.determined() and r > 0
-        # The same in the coordinates of x, where these are good enough; then the solution is x itself.
-        self.direct: tuple[tuple[Array, ...], Array] | None = None
-        if self.sound and _skew(self.back) < SKEW:
-            self.direct = _normal_equations(blocks @ np.linalg.inv(self.back), window.W[0])
+
+    @cached_property
+    def direct(self) -> tuple[tuple[Array, ...], Array] | None:
+        """`grams` and `project` in the coordinates of x, whose solution is x itself; None where these are not
+        good enough.
+        """
+        if _skew(self.back) >= SKEW:
+            return None
+        turn = np.linalg.inv(self.back).T
+        outer, *inner = self.grams
+        return (np.kron(turn, turn) @ outer, *inner), turn @ self.project
 
     def gain(self, weights: Array) -> Array | None:
         """x = gain @ (weighted measurements); None where a solver finds too few rows."""
@@ -142,13 +152,6 @@ def _skew(back: Array) -> float:
     sizes = np.linalg.norm(back, axis=1, keepdims=True)
     square = back.shape[0] == back.shape[1] and sizes.all()
     return float(np.linalg.cond(back / sizes)) if square else np.inf
-
-
-def _normal_equations(blocks: Array, W: Array) -> tuple[tuple[Array, ...], Array]:
-    """What weights and measurements are multiplied by, for whitened rows `blocks` (length, dim_z, rank)."""
-    length, _, r = blocks.shape
-    grams = (blocks.transpose(0, 2, 1) @ blocks).reshape(length, -1).T
-    return _factors(np.ascontiguousarray(grams)), np.ascontiguousarray((W.T @ blocks).reshape(-1, r).T)
 
 
 def _factors(grams: Array) -> tuple[Array, ...]:

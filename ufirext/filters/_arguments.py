@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, column, integer, matrix, real
+from .._arrays import Array, column, finite, integer, matrix, real
 from ..errors import NonFiniteError, UfirextError
 
 if TYPE_CHECKING:
@@ -35,10 +35,7 @@ def input_vector(u: ArrayLike, size: int) -> Array:
     array = real(u, "u")
     if array.ndim == 0 and size != 1 and array == 0.0:
         return np.zeros(size)  # filterpy's batch and MMAE pass u = 0 for no input
-    flat = column(array, size, "u")
-    if not flat.dot(flat) < np.inf and not np.isfinite(flat).all():
-        raise NonFiniteError(f"u must be finite, got {flat}")
-    return flat
+    return finite(column(array, size, "u"), "u")
 
 
 def checked_channel(channel: Channel | None, max_delay: int | None) -> Channel | None:

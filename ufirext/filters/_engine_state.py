@@ -34,9 +34,16 @@ class EngineState(FilterState):
             super().watch()
             return
         self._watch_all()
-        self.put = None
         if self.mode == POSTED:
             self.mode = WATCHED
+
+    def _watch_all(self) -> None:
+        super()._watch_all()
+        self._choose_put()
+
+    def _choose_put(self) -> None:
+        """z goes straight into the ring while x can wait and nothing is watched."""
+        self.put = None if self.watching or self.read is None else self.intake
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""

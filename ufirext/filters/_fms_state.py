@@ -19,6 +19,9 @@ from ..window import Row
 from ._engine_state import EngineState
 from ._state import POSTED, PREDICTED, SLOW, WATCHED
 
+# What belongs to one filter and is made anew for a copy.
+TORN = ("put", "intake", "read", "read_lagged")
+
 
 class FMSState(EngineState):
     """Minimum variance over a window, of the newest state and a lagged one; a Kalman filter until then."""
@@ -191,9 +194,9 @@ class FMSState(EngineState):
             self.mode, self.seen = WATCHED if self.watching else POSTED, ring.now
             if self.intake is None:
                 self.intake, self.reading = intake(ring), 0
-            self.put = None if self.watching else self.intake
             if self.reading != self.form:
                 (self.read, self.read_lagged), self.reading = ring.readers(self.form == 2), self.form
+            self._choose_put()
 
     def coast(self) -> bool:
         """A step without an update always goes the slow path."""
@@ -203,7 +206,6 @@ class FMSState(EngineState):
         """The hot path's update(); False, with nothing done, where the slow path is needed."""
         if self.mode != PREDICTED or R is not None or delay or self.intake is None or not self._intact():
             return False
-        self.put = None if self.watching else self.intake
         return self.intake(z)
 
     def hand_out_x(self) -> Array:
@@ -297,12 +299,11 @@ class FMSState(EngineState):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FMSState:
         self.settle()
-        return self._forked(("put", "intake", "read", "read_lagged"))
+        return self._forked(TORN)
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
-        torn = ("_x_handed", "_P_handed", "put", "intake", "read", "read_lagged")
-        return super().__getstate__() | dict.fromkeys(torn)
+        return super().__getstate__() | dict.fromkeys((*TORN, "_x_handed", "_P_handed"))
 
 
 def check_weight(R: Array) -> None:

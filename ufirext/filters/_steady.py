@@ -58,10 +58,6 @@ class SteadyState(FilterState):
         """Predict by moving `mode` alone; False if that is not possible."""
         if not self._unedited():
             return False
-        if self.watching:
-            self._settle_matrices()
-            if self.mode != POSTED:
-                return False
         self.base = self.x
         self.mode = PREDICTED
         self.looked = False
@@ -73,8 +69,6 @@ class SteadyState(FilterState):
         """Update by moving x alone; False if that is not possible."""
         steady = self.steady
         if steady is None or not self._unedited():
-            return False
-        if self.watching and not self._intact():
             return False
         if z.__class__ is not np.ndarray or z.dtype != float:
             if z is None:
@@ -93,7 +87,11 @@ class SteadyState(FilterState):
         return True
 
     def _unedited(self) -> bool:
-        """Neither x nor P was written since it was handed out; both are handed out anew from now on."""
+        """Neither the model nor x nor P was written since it was handed out; x and P are handed out anew from
+        now on.
+        """
+        if self.watching and not self._intact():
+            return False
         handed = self._x_handed
         if handed is not None:
             if handed.tobytes() != self._x_raw:

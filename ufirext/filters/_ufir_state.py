@@ -26,6 +26,9 @@ from ._window_state import MISSING, WINDOWS, checked_horizon
 
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
 
+# What belongs to one filter and is made anew for a copy.
+TORN = ("put", "intake", "readers", "uneven")
+
 
 class UFIRState(VaryingState):
     """A window state with a hot path for constant models as well."""
@@ -92,8 +95,8 @@ class UFIRState(VaryingState):
         if self.intake is None or self.readers is None:
             self.intake = intake(ring)
             self.readers = reading(ring, gain, column=False), reading(ring, gain, column=True)
-        self.put = None if self.watching else self.intake
         self.read, self.plain_from, self.hot_x = self.readers[self.form == 2], ring.now, None
+        self._choose_put()
 
     def _hands(self) -> Uneven:
         if self.uneven is None:
@@ -113,7 +116,6 @@ class UFIRState(VaryingState):
             return opens and R is None and not delay and self._miss(updates=True)
         plainly = self.read is not None and opens and not delay
         if plainly and self.intake is not None and (R is None or self.R.known(R) is not None):
-            self.put = None if self.watching else self.intake
             return self.intake(z)
         point = self._stand() if self.hot_x is None else self.point
         laid = point is not None and (self.uneven or self._hands()).lay(z, delay, R, opens)
@@ -294,10 +296,9 @@ class UFIRState(VaryingState):
     def __deepcopy__(self, memo: dict[int, Any]) -> UFIRState:
         self.settle()
         self._detach()
-        return self._forked(("put", "intake", "readers", "uneven"))
+        return self._forked(TORN)
 
     def __getstate__(self) -> dict[str, Any]:
         self.settle()
         self._detach()
-        torn = ("_x_handed", "_P_handed", "put", "intake", "readers", "uneven")
-        return super().__getstate__() | dict.fromkeys(torn)
+        return super().__getstate__() | dict.fromkeys((*TORN, "_x_handed", "_P_handed"))
