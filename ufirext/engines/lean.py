@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from typing import Any, Protocol
@@ -11,9 +12,13 @@ import numpy as np
 
 from .._arrays import FLOAT, Array
 
-__all__ = ["Buffer", "intake", "reading"]
+__all__ = ["Buffer", "Hands", "Intake", "Reading", "intake", "numbers", "reading"]
 
 ARRAY = np.ndarray
+Intake = Callable[[Any], bool]
+Reading = Callable[[], Array]
+Hands = tuple[Intake, tuple[Reading, Reading]]
+"""z into a buffer, and x out of it: flat, and as a column."""
 
 
 class Buffer(Protocol):
@@ -27,7 +32,7 @@ class Buffer(Protocol):
         """Move what is still needed to the front; called when the buffer is full."""
 
 
-def intake(buffer: Buffer) -> Callable[[Any], bool]:
+def intake(buffer: Buffer) -> Intake:
     """put(z): a finite z in one of filterpy's forms becomes the next row; anything else is left alone.
 
     False, with nothing done, where z is missing, not finite, of another shape or type: that is for somebody
@@ -36,7 +41,7 @@ def intake(buffer: Buffer) -> Callable[[Any], bool]:
     return {1: _intake_one, 2: _intake_two, 3: _intake_three}.get(buffer.free.shape[1], _intake_many)(buffer)
 
 
-def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
+def _intake_one(buffer: Buffer) -> Intake:
     cells: Any = buffer.free.reshape(-1).data
     capacity = buffer.capacity
 
@@ -62,7 +67,7 @@ def _intake_one(buffer: Buffer) -> Callable[[Any], bool]:
     return put
 
 
-def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
+def _intake_two(buffer: Buffer) -> Intake:
     # Positions in the plane and in space are what most measure: worth versions of their own, a fifth of a
     # step each.
     cells: Any = buffer.free.reshape(-1).data
@@ -92,7 +97,7 @@ def _intake_two(buffer: Buffer) -> Callable[[Any], bool]:
     return put
 
 
-def _intake_three(buffer: Buffer) -> Callable[[Any], bool]:
+def _intake_three(buffer: Buffer) -> Intake:
     cells: Any = buffer.free.reshape(-1).data
     capacity = buffer.capacity
     unpack: Callable[[Any], tuple[float, float, float]] = Struct("3d").unpack
@@ -122,23 +127,14 @@ def _intake_three(buffer: Buffer) -> Callable[[Any], bool]:
     return put
 
 
-def _intake_many(buffer: Buffer) -> Callable[[Any], bool]:
+def _intake_many(buffer: Buffer) -> Intake:
     m, capacity = buffer.free.shape[1], buffer.capacity
-    numbers, width = Struct(f"{m}d"), m * FLOAT.itemsize
-    unpack: Callable[[Any], tuple[float, ...]] = numbers.unpack
-    pack_into, cells = numbers.pack_into, buffer.free.reshape(-1).data.cast("B")
+    values_of, width = numbers(m), m * FLOAT.itemsize
+    pack_into, cells = Struct(f"{m}d").pack_into, buffer.free.reshape(-1).data.cast("B")
 
     def put(z: Any) -> bool:
-        if z.__class__ is not ARRAY or z.dtype is not FLOAT or z.ndim > 2:
-            return False
-        try:
-            values = unpack(z)
-        except StructError:
-            return False
-        except ValueError:
-            return put(z.copy()) if z.size == m else False
-        total = sum(values)
-        if total - total != 0.0:
+        values = values_of(z)
+        if values is None:
             return False
         end = buffer.end
         pack_into(cells, end * width, *values)
@@ -151,7 +147,30 @@ def _intake_many(buffer: Buffer) -> Callable[[Any], bool]:
     return put
 
 
-def reading(buffer: Buffer, gain: Array, column: bool) -> Callable[[], Array]:
+@lru_cache(maxsize=64)
+def numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
+    """The components of a finite z in one of filterpy's forms, None for anything else."""
+    unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m}d").unpack
+    composite = m > 3  # so many numbers may come as a matrix
+
+    def read(z: Any) -> tuple[float, ...] | None:
+        if z.__class__ is not ARRAY:
+            return (float(z),) if m == 1 and isinstance(z, float) and z - z == 0.0 else None
+        if z.dtype is not FLOAT or z.ndim > 2 or (composite and z.ndim == 2 and 1 not in z.shape):
+            return None
+        try:
+            values = unpack(z)
+        except StructError:  # another size
+            return None
+        except ValueError:  # not contiguous
+            return read(z.copy()) if z.size == m else None
+        total = sum(values)
+        return values if total - total == 0.0 else None
+
+    return read
+
+
+def reading(buffer: Buffer, gain: Array, column: bool) -> Reading:
     """read(): the gain on the rows up to the newest, as a fresh column (dim_x, 1) or flat."""
     m = buffer.free.shape[1]
     width = gain.shape[1]

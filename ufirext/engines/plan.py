@@ -16,6 +16,9 @@ from .covariance import Covariance
 
 # Patterns of holes remembered by a plan, bytes of their keys.
 PATTERN_BYTES = 500_000
+# Numbers in the gain of a driven model beyond which steps one by one are as quick, and what rounding may
+# leave of its D_0, relative to the largest D.
+LARGEST, EXACT = 40_000, 1e-12
 
 
 class Plan:
@@ -45,6 +48,29 @@ class Plan:
                 self._gains[length] = None
         gain = self._gains[length]
         return None if gain is None else gain.K
+
+    @cached_property
+    def driven(self) -> Array | None:
+        """[G_0 D_0 G_1 D_1 ..], the gain on the rows z_i and the known changes k_i of x in the full window.
+
+        D follows from z_i = H x_i + v_i and x_i = F x_{i-1} + k_i + w_i, backwards from the newest step:
+        D_{N-1} = I - G_{N-1} H, D_i = D_{i+1} F - G_i H, down to D_0 = 0, which is what makes G unbiased.
+        None where digits were lost on the way, or where steps one by one are as quick as the product.
+        """
+        gain, F, H = self.gain(self.horizon), self.model.F, self.model.H
+        m, n = H.shape
+        if gain is None or self.horizon * n * (m + n) > LARGEST:
+            return None
+        both = np.zeros((n, self.horizon, m + n))
+        both[:, :, :m] = gain.reshape(n, self.horizon, m)
+        D = np.eye(n)
+        for i in range(self.horizon - 1, -1, -1):
+            D = both[:, i, m:] = D - both[:, i, :m] @ H
+            D = D @ F if i else D
+        if not float(np.abs(D).max()) <= EXACT * float(np.abs(both[:, :, m:]).max()):
+            return None
+        both[:, 0, m:] = 0.0
+        return readonly(both.reshape(n, -1))
 
     def lasting(self, length: int) -> tuple[Covariance, Covariance, Covariance]:
         """What full windows of `length` steps share: exact covariance, gain, gain on the newest row."""

@@ -57,8 +57,13 @@ class Ring(Slots):
     @property
     def settled(self) -> bool:
         """Whether the newest slot ends a full window of plain rows, and z is all there is to remember."""
+        return self.raw is None and self.full
+
+    @property
+    def full(self) -> bool:
+        """Whether the newest slot ends a full window of plain rows."""
         horizon = self.limits.horizon
-        return self.raw is None and self.length == horizon and self._is_plain(horizon)
+        return self.length == horizon and self._is_plain(horizon)
 
     @property
     def least(self) -> int:
@@ -71,11 +76,16 @@ class Ring(Slots):
 
     def solve_at(self, step: int) -> Solution:
         """The estimate as it stood at an earlier step, whose window must have had one."""
-        end, self.end = self.end, step - self.base + 1
+        inputs, newest, self.end = self.inputs, self.end, step - self.base + 1
+        x_u = None if inputs is None else inputs.now
         try:
+            if inputs is not None:
+                inputs.now = inputs.path[self.end - 1]
             solution = self.solve()
         finally:
-            self.end = end
+            self.end = newest
+            if inputs is not None and x_u is not None:
+                inputs.now = x_u
         if solution is None:
             raise RuntimeError(f"the window of step {step} has no estimate")
         return solution

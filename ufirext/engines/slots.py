@@ -81,14 +81,16 @@ class Slots:
     def _forget_late(self) -> None:
         """Be a plain buffer again once all rows in reach came on time and with the model's weight."""
         raw, arrivals = self.raw, self.arrivals[: self.end]
-        if raw is None or self.inputs is not None or self.weighted:
+        if raw is None or self.weighted:
             return
         came = arrivals != NEVER
         if (arrivals != np.arange(self.base, self.base + self.end))[came].any():
             return
-        self.weights[: self.end] = came
-        self.free[: self.end] = raw[: self.end] * came[:, None]
-        self.raw, self.spread = None, 0
+        self.spread = 0
+        if self.inputs is None:
+            self.weights[: self.end] = came
+            self.free[: self.end] = raw[: self.end] * came[:, None]
+            self.raw = None
 
     # -- transitions -----------------------------------------------------------------------------------------
 
@@ -104,16 +106,34 @@ class Slots:
         if known is not None or self.inputs is not None:
             inputs = self._trajectory()
             inputs.advance(i, self.plan.model.F, known)
-            if now - inputs.rebased >= REBASE * self.limits.horizon:
-                self._rebase(inputs)
+            if self.due(inputs, now):
+                if inputs.forgotten(self.end - self.keep, self.end):
+                    self._forget()
+                else:
+                    self.rebase(inputs)
         if self.spread and self.limits.by_arrival:
             self._expire_one()
         if self.end == self.capacity:
             self.compact()
 
+    def known_at(self, step: int) -> Array | None:
+        """What is known to have changed x at a step that is remembered, or at the one that is open."""
+        inputs = self.inputs
+        if inputs is None:
+            return None
+        return inputs.coming if step > self.now else inputs.known[step - self.base]
+
+    def take_coming(self) -> Array | None:
+        """What is known of the open step, which is to get its slot."""
+        inputs = self.inputs
+        if inputs is None:
+            return None
+        change, inputs.coming = inputs.coming, None
+        return change
+
     def edit(self, delta: Array, after_rows: bool) -> None:
         """x was moved from outside by `delta`, after or before the rows of this step."""
-        self._trajectory().edit(self.end - 1, delta, after_rows)
+        self._trajectory().edit(self.end - 1, self.now, delta, after_rows)
 
     def _trajectory(self) -> Trajectory:
         if self.inputs is None:
@@ -134,14 +154,20 @@ class Slots:
         self.spread = late
         self._expire()
 
-    def _rebase(self, inputs: Trajectory) -> None:
-        """Start x_u anew at the oldest slot of the window; forget it once nothing in reach knew anything."""
+    def due(self, inputs: Trajectory, now: int) -> bool:
+        """Whether x_u starts anew, or is forgotten, at a step."""
+        return inputs.over or now - inputs.rebased >= REBASE * self.limits.horizon
+
+    def _forget(self) -> None:
+        """Nothing is known about the state in all that is remembered: rows are seen as they are."""
         raw: Array = self.free if self.raw is None else self.raw
-        if not inputs.known[self.end - self.keep : self.end].any():
-            self.free[: self.end] = raw[: self.end] * self.weights[: self.end, None]
-            self.inputs, self.raw = None, raw if self.spread else None
-            return
-        low = self.end - self.limits.horizon - self.overhang
+        self.free[: self.end] = raw[: self.end] * self.weights[: self.end, None]
+        self.inputs, self.raw = None, raw if self.spread else None
+
+    def rebase(self, inputs: Trajectory) -> None:
+        """Start x_u anew at the oldest slot of the window, or of the one a step ago."""
+        raw: Array = self.free if self.raw is None else self.raw
+        low = self.end - self.limits.horizon - self.overhang - 1
         inputs.rebase(low, self.end, self.plan.model.F)
         inputs.rebased, inputs.valid_from = self.now, self.base + low
         seen = inputs.path[low : self.end] @ self.plan.model.H.T

@@ -18,7 +18,9 @@ class Trajectory:
         self.now = np.zeros(dim_x)
         self.known, self.path = np.zeros((slots, dim_x)), np.zeros((slots, dim_x))
         self.after: Array | None = None  # edits since the last row of this step
-        self.rebased = now
+        self.coming: Array | None = None  # what the step adds that is open and has no slot so far
+        self.over = False  # whether nothing was known for as long as anything is remembered
+        self.edited = self.rebased = now  # steps at which x was edited, and x_u started anew
         self.valid_from = now - slots  # oldest step whose path belongs to the present x_u
 
     def advance(self, slot: int, F: Array, known: Array | None) -> None:
@@ -33,14 +35,18 @@ class Trajectory:
         self.known[slot] = 0.0 if total is None else total
         self.path[slot] = self.now
 
-    def edit(self, slot: int, delta: Array, after_rows: bool) -> None:
-        """x was moved from outside, after or before the rows of the step of `slot`."""
-        self.now = self.now + delta
+    def edit(self, slot: int, step: int, delta: Array, after_rows: bool) -> None:
+        """x was moved from outside, after or before the rows of a step, the newest, in `slot`."""
+        self.now, self.edited = self.now + delta, step
         if after_rows:
             self.after = delta if self.after is None else self.after + delta
         else:
             self.known[slot] += delta
             self.path[slot] = self.now
+
+    def forgotten(self, low: int, end: int) -> bool:
+        """Whether nothing was known at the steps of these slots."""
+        return not self.known[low:end].any()
 
     def compact(self, shift: int, keep: int) -> None:
         """Move the last `keep` slots to the front."""

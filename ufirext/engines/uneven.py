@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from struct import Struct
-from struct import error as StructError  # noqa: N812
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from .._arrays import FLOAT, Array
 from .basis import Memory, Solve
 from .lean import intake
+from .lean import numbers as numbers_of
 from .records import Solution
 from .ring import GROWING_GAINS, Ring
 from .slots import NEVER, ORDINARY
@@ -88,7 +88,7 @@ def _opening(ring: Ring) -> Callable[[bool], None]:
 
 def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any, bool], int]:
     m, horizon = ring.free.shape[1], ring.limits.horizon
-    put, numbers, weigh = intake(ring), _numbers(m), _weighing(ring.plan.model.R)
+    put, numbers, weigh = intake(ring), numbers_of(m), _weighing(ring.plan.model.R)
     cells: Any = ring.free.reshape(-1).data
     weights: Any = ring.weights.data
     arrivals: Any = ring.arrivals.data
@@ -156,27 +156,6 @@ def _laying(ring: Ring, step: Callable[[bool], None]) -> Callable[[Any, int, Any
         return REGULAR if now - ring.irregular >= horizon else LAID
 
     return lay
-
-
-def _numbers(m: int) -> Callable[[Any], tuple[float, ...] | None]:
-    """The components of a finite z in one of filterpy's forms, None for anything else."""
-    unpack: Callable[[Any], tuple[float, ...]] = Struct(f"{m}d").unpack
-
-    def numbers(z: Any) -> tuple[float, ...] | None:
-        if z.__class__ is not ARRAY:
-            return (float(z),) if m == 1 and isinstance(z, float) and z - z == 0.0 else None
-        if z.dtype is not FLOAT or z.ndim > 2:
-            return None
-        try:
-            values = unpack(z)
-        except StructError:  # another size
-            return None
-        except ValueError:  # not contiguous
-            return numbers(z.copy()) if z.size == m else None
-        total = sum(values)
-        return values if total - total == 0.0 else None
-
-    return numbers
 
 
 def _weighing(R: Array) -> Callable[[Any], tuple[float, bytes | None] | None]:

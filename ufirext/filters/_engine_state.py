@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from .._arrays import Array
 from ..engines.covariance import Covariance
-from ._state import POSTED, SLOW, TURNED, WATCHED, FilterState
+from ._state import POSTED, PREDICTED, SLOW, TURNED, WATCHED, FilterState
 from ._update import innovation_gain, joseph
 
 
@@ -44,6 +44,10 @@ class EngineState(FilterState):
     def _choose_put(self) -> None:
         """z goes straight into the ring while x can wait and nothing is watched."""
         self.put = None if self.watching or self.read is None else self.intake
+
+    def drive(self, u: Any, B: Any) -> bool:
+        """predict(u) while the model is constant: as in filterpy, inputs go nowhere where there is no B."""
+        return self.mode != PREDICTED and self.B is None and B is None and self._intact()
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""

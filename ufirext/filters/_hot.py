@@ -38,6 +38,9 @@ class HotState(Protocol):
         the slow path is needed.
         """
 
+    def drive(self, u: Any, B: Any) -> bool:
+        """predict(u) while the model is constant: False, with nothing done, where the slow path is needed."""
+
     def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """update() where z alone is not all: False, with nothing done, where the slow path is needed."""
 
@@ -114,10 +117,9 @@ class HotFilter(FilterSurface):
                         state._x_handed = None
                         return
                 elif (
-                    u is None
-                    and (F is None or state.F.known(F) is not None)
+                    (F is None or state.F.known(F) is not None)
                     and (Q is None or state.Q.known(Q) is not None)
-                    and (mode == POSTED or state.coast())
+                    and ((mode == POSTED or state.coast()) if u is None else state.drive(u, B))
                 ):
                     state._x_handed = None
                     state.mode = PREDICTED

@@ -8,18 +8,19 @@ what the slow path would have made it, `settle` leaves the hot path.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .._arrays import Array
 from ..engines.covariance import Covariance
-from ..engines.lean import intake, reading
+from ..engines.driven import Driven, drivable
+from ..engines.lean import Hands, intake, numbers, reading
 from ..engines.records import Solution
 from ..engines.ring import Ring
 from ..engines.uneven import REGULAR, Point, Uneven, uneven
 from ..engines.varying import Varying
+from ._arguments import input_vector
 from ._state import POSTED, PREDICTED, SLOW, WATCHED
 from ._varying_state import VaryingState
 from ._window_state import MISSING, WINDOWS, checked_horizon
@@ -27,7 +28,7 @@ from ._window_state import MISSING, WINDOWS, checked_horizon
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
 
 # What belongs to one filter and is made anew for a copy.
-TORN = ("put", "intake", "readers", "uneven")
+TORN = ("put", "intake", "plainly", "driven", "uneven")
 
 
 class UFIRState(VaryingState):
@@ -36,7 +37,8 @@ class UFIRState(VaryingState):
     def __init__(self, dim_x: int, dim_z: int, horizon: int | str, missing: str, window: str) -> None:
         super().__init__(dim_x, dim_z, horizon, missing, window)
         self.ring: Ring | None = None  # the engine, while the hot path holds
-        self.readers: tuple[Callable[[], Array], Callable[[], Array]] | None = None  # for either form of x
+        self.plainly: Hands | None = None  # on a ring without inputs
+        self.driven: Driven | None = None  # on one with inputs
         self.plain_from = 0  # step since which there is a `read`
         self.uneven: Uneven | None = None  # the ring as it is used where there is none
         self.point: Point | None = None  # then: the last estimate
@@ -47,7 +49,7 @@ class UFIRState(VaryingState):
         self.silent = 0  # of these, the last ones that had no update() either
 
     def _ring(self, now: int) -> Ring:
-        self.put = self.intake = self.readers = self.uneven = None
+        self.put = self.intake = self.plainly = self.driven = self.uneven = None
         return super()._ring(now)
 
     def _hot_ring(self) -> Ring:
@@ -72,7 +74,7 @@ class UFIRState(VaryingState):
             self._enter(ring)
         elif (
             isinstance(ring, Ring)
-            and ring.inputs is None
+            and (ring.inputs is None or drivable(ring))
             and ring.ordinary
             and solution is not None
             and not (self.stale and self.policy == "auto")
@@ -89,13 +91,21 @@ class UFIRState(VaryingState):
     def _read_plainly(self, ring: Ring) -> None:
         """From here on x is one product, if the window is full and without holes."""
         self.read = self.put = None
-        gain = ring.plan.gain(ring.limits.horizon) if ring.settled else None
+        gain = ring.plan.gain(ring.limits.horizon) if ring.full else None
         if gain is None:
             return
-        if self.intake is None or self.readers is None:
-            self.intake = intake(ring)
-            self.readers = reading(ring, gain, column=False), reading(ring, gain, column=True)
-        self.read, self.plain_from, self.hot_x = self.readers[self.form == 2], ring.now, None
+        if ring.inputs is not None:
+            if self.driven is None or self.driven.inputs is not ring.inputs:
+                self.driven = Driven(ring, ring.inputs)
+            self.driven.enter()
+            self.intake, readers = self.driven.hands
+        elif ring.raw is None:
+            if self.plainly is None:
+                self.plainly = intake(ring), (reading(ring, gain, False), reading(ring, gain, True))
+            self.intake, readers = self.plainly
+        else:
+            return
+        self.read, self.plain_from, self.hot_x = readers[self.form == 2], ring.now, None
         self._choose_put()
 
     def _hands(self) -> Uneven:
@@ -117,6 +127,8 @@ class UFIRState(VaryingState):
         plainly = self.read is not None and opens and not delay
         if plainly and self.intake is not None and (R is None or self.R.known(R) is not None):
             return self.intake(z)
+        if self._hot_ring().inputs is not None:
+            return False
         point = self._stand() if self.hot_x is None else self.point
         laid = point is not None and (self.uneven or self._hands()).lay(z, delay, R, opens)
         if not laid:
@@ -136,7 +148,8 @@ class UFIRState(VaryingState):
 
     def _miss(self, updates: bool) -> bool:
         ring = self._hot_ring()
-        point = self._stand() if self.missed < ring.limits.horizon else None
+        patient = self.missed < ring.limits.horizon and ring.inputs is None
+        point = self._stand() if patient else None
         if point is None:
             return False
         self.hot_x = self.F.value.dot(point[0] if self.hot_x is None else self.hot_x)
@@ -192,13 +205,40 @@ class UFIRState(VaryingState):
             x = self.posted_x()
             if x is not None:
                 if self.mode == PREDICTED:
-                    x = self.F.value.dot(x)
+                    x = self._one_ahead(x)
                 elif self.read is None:
                     x = x.copy()
                 self._x_handed, self._x_raw = x, x.tobytes()
                 return x
             self.leave()
         return super().hand_out_x()
+
+    def drive(self, u: Any, B: Any) -> bool:
+        """The hot path's predict(u); False, with nothing done, where the slow path is needed."""
+        if self.mode == PREDICTED or (self.watching and not self._intact()):
+            return False
+        if self.B is None:
+            return B is None  # as in filterpy, inputs go nowhere
+        if B is not None and self.B.known(B) is None:
+            return False
+        gain = self.B.value
+        size = gain.shape[1]
+        if not (u.__class__ is np.ndarray and u.shape == (size, 1) and numbers(size)(u)):
+            u = input_vector(u, size)
+        if self._hot_ring().inputs is None:
+            return not gain.dot(u).any()
+        if self.driven is None:
+            return False
+        self.driven.push(gain, u)
+        return True
+
+    def _one_ahead(self, x: Array) -> Array:
+        ring = self._hot_ring()
+        ahead: Array = self.F.value.dot(x)
+        known = ring.known_at(ring.now + 1)
+        if known is None:
+            return ahead
+        return ahead + known if x.ndim == 1 else ahead + known.reshape(-1, 1)
 
     # -- what the verbs left out -----------------------------------------------------------------------------
 
@@ -210,12 +250,14 @@ class UFIRState(VaryingState):
             self._publish_turned(self.lane)
             return self
         ring = self._hot_ring()
+        if ring.inputs is not None and self.driven is not None:
+            self.driven.sync()
         now = ring.now - self.silent  # the step of the last update()
         if now != self.seen:
             self._catch_up(ring, now)
         self.x, self.P = self.post
-        for _ in range(self.silent + (self.mode == PREDICTED)):
-            self.x, self.P = self.prior = self._predicted(self.x, self.P)
+        for step in range(now + 1, ring.now + (self.mode == PREDICTED) + 1):
+            self.x, self.P = self.prior = self._predicted(self.x, self.P, step)
         if self._x_handed is not None:
             self.x = np.frombuffer(self._x_raw).copy()  # to the bit what the client was given
         if self.solution is None:
@@ -258,12 +300,14 @@ class UFIRState(VaryingState):
         """x and P of an estimate, predicted up to a step."""
         solution = self._solved(point)
         x, P = solution.x, solution.covariance
-        for _ in range(now - point[2]):
-            x, P = self._predicted(x, P)
+        for step in range(point[2] + 1, now + 1):
+            x, P = self._predicted(x, P, step)
         return x, P
 
-    def _predicted(self, x: Array, P: Covariance) -> tuple[Array, Covariance]:
-        return self.F.value @ x, P.predicted(self.F.value, self.Q.value, self.fading)
+    def _predicted(self, x: Array, P: Covariance, step: int) -> tuple[Array, Covariance]:
+        ahead, known = self.F.value @ x, self._hot_ring().known_at(step)
+        P = P.predicted(self.F.value, self.Q.value, self.fading)
+        return ahead if known is None else ahead + known, P
 
     def leave(self) -> None:
         """Leave the hot path."""
@@ -277,7 +321,8 @@ class UFIRState(VaryingState):
 
     def _cool(self) -> None:
         if self.mode == PREDICTED:
-            self._hot_ring().advance(None)
+            ring = self._hot_ring()
+            ring.advance(ring.take_coming())
             self.now += 1 + self.silent
             self.updated = False
         self.mode, self.silent, self.ring, self.read, self.put = SLOW, 0, None, None, None
