@@ -39,15 +39,28 @@ def played(f, steps, rng, every=1):
     return f
 
 
+def edit(filters, rng):
+    """x moved from outside, in place or assigned, sometimes twice."""
+    delta, form = rng.normal(size=(filters[0].dim_x, 1)), rng.integers(4)
+    for f in filters:
+        if form in (0, 3):
+            f.x[:] += delta
+        if form == 1:
+            f.x[-1] = delta[0]
+        if form in (2, 3):
+            f.x = f.x + delta
+
+
 def hot(f):
     return f._state.mode in (POSTED, WATCHED) and f._state.ring.inputs is not None
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("horizon", [4, 5, 12])
-@given(seed=seeds)
-def test_every_published_field_is_that_of_the_slow_path(name, horizon, seed):
-    """Some steps with u, some without; x unread, read before or after update(); lost, late, weighted rows."""
+@given(seed=seeds, horizon=st.sampled_from([4, 5, 12]), edits=st.booleans())
+def test_every_published_field_is_that_of_the_slow_path(name, horizon, seed, edits):
+    """Some steps with u, some without; x unread, read before or after update(), edited, assigned; rows lost,
+    late, weighted.
+    """
     rng, model = np.random.default_rng(seed), MODELS[name]
     quick, slow = filter_of(model, horizon), filter_of(model, horizon)
     size, been_hot = quick.B.shape[1], False
@@ -63,10 +76,14 @@ def test_every_published_field_is_that_of_the_slow_path(name, horizon, seed):
         assert slow.P is not None  # looking at P leaves the hot path at every step
         if rng.random() < 0.2:
             np.testing.assert_allclose(quick.x, slow.x, rtol=1e-9, atol=1e-9, err_msg=f"prior, step {step}")
+        if edits and rng.random() < 0.03:
+            edit((quick, slow), rng)
         for f in (quick, slow):
             f.update(*given[kind])
         been_hot |= hot(quick)
         assert slow.P is not None
+        if edits and rng.random() < 0.5:
+            edit((quick, slow), rng)
         if rng.random() < 0.05:
             quick = copy.deepcopy(quick) if rng.random() < 0.5 else pickle.loads(pickle.dumps(quick))
         if rng.random() < 0.1:
@@ -126,12 +143,47 @@ def test_inputs_that_are_over_are_forgotten():
     np.testing.assert_allclose(f.x.ravel(), [199.9, 1.0], rtol=1e-10)
 
 
-def test_one_edit_does_not_end_the_hot_path_for_good():
+def test_edits_of_x_are_known_changes_too():
+    """Edited, assigned, edited and assigned at every step: the hot path holds, and x moves by just that."""
+    model = kinematic(1, 1, 0.1, q=0.5, r=1.0)
+    f = played(filter_of(model, 5), 20, np.random.default_rng(0))
+    for step in range(600):
+        x = f.x.copy()
+        if step % 2:
+            f.x[0] += 3.0
+        if step % 3:
+            f.x = f.x + np.array([[0.0], [0.1]])
+        np.testing.assert_allclose(f.x - x, [[3.0 * (step % 2)], [0.1 * (step % 3 > 0)]], rtol=0, atol=1e-9)
+        x = f.x.copy()
+        f.predict([0.5])
+        assert f._state.mode != SLOW
+        np.testing.assert_allclose(f.x, model.F @ x + [[0.25], [0.5]], rtol=1e-12, atol=1e-9)
+        f.update(f.x[0])
+        assert hot(f)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_an_edit_to_what_is_no_number_is_refused_at_the_next_verb(wrong):
     f = played(filter_of(kinematic(1, 1, 0.1, q=0.5, r=1.0), 5), 20, np.random.default_rng(0))
-    f.x[0] += 3.0
-    f.predict([0.0])
-    assert f._state.mode == SLOW
-    played(f, 10, np.random.default_rng(1))
+    assert hot(f)
+    f.x[0] = wrong
+    with pytest.raises(ValueError, match="x must be finite"):
+        f.predict([1.0])
+    g = played(filter_of(kinematic(1, 1, 0.1, q=0.5, r=1.0), 5), 20, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="x must be finite"):
+        g.x = np.array([[wrong], [0.0]])
+    assert np.isfinite(g.x).all()
+
+
+def test_who_looks_at_P_at_every_step_is_spared_the_coming_and_going():
+    f = played(filter_of(kinematic(1, 1, 0.1, q=0.5, r=1.0), 5), 20, np.random.default_rng(0))
+    been = 0
+    for _ in range(300):
+        played(f, 1, np.random.default_rng(1))
+        been += hot(f)
+        assert f.P is not None
+    assert been < 12
+    played(f, 100, np.random.default_rng(1))
     assert hot(f)
 
 

@@ -18,14 +18,13 @@ from .trajectory import Trajectory
 
 __all__ = ["Driven", "drivable"]
 
-# Steps without an edit of x after which it is worth while: who edits x at every step looks at it every time.
-QUIET = 4
+ARRAY = np.ndarray
 
 
 def drivable(ring: Ring) -> bool:
-    """Whether the window is full of plain rows, inputs are all that is known, and their gain is exact."""
+    """Whether the window is full of plain rows, and there is a gain on these and what is known."""
     inputs = ring.inputs
-    if inputs is None or inputs.after is not None or ring.spread or ring.now - inputs.edited < QUIET:
+    if inputs is None or inputs.after is not None or ring.spread:
         return False
     return ring.full and ring.plan.driven is not None
 
@@ -33,8 +32,9 @@ def drivable(ring: Ring) -> bool:
 class Driven:
     """What can be done to a full window of plain rows whose steps have known inputs.
 
-    `push(B, u)` notes B u of the step to come in `inputs.coming`; put(z) of the `hands` goes on by a step
-    with it and a row. The ring itself only learns where its end is: `enter` and `sync` bring both up to date.
+    `push(B, u)` notes B u of the step to come in `inputs.coming`, False where u is not plainly a finite
+    array, `nudge(delta)` what an edit of x adds to it; put(z) of the `hands` goes on by a step with it and a
+    row. The ring itself only learns where its end is: `enter` and `sync` bring both up to date.
     """
 
     def __init__(self, ring: Ring, inputs: Trajectory) -> None:
@@ -75,20 +75,42 @@ class Driven:
         ring.free[low:end] = raw[low:end] - inputs.path[low:end] @ model.H.T
         self.synced = ring.now
 
-    def _pushing(self) -> Callable[[Array, Array], None]:
+    def nudge(self, delta: Array) -> None:
+        """x was moved by delta, after the row of this step."""
+        inputs, ahead = self.inputs, self.ring.plan.model.F.dot(delta)
+        if inputs.coming is None:
+            inputs.coming = self.cells[self.ring.end, self.ring.free.shape[1] :]
+            inputs.coming[:] = ahead
+        else:
+            inputs.coming += ahead
+
+    def _pushing(self) -> Callable[[Array, Any], bool]:
         ring, inputs, cells, m = self.ring, self.inputs, self.cells, self.ring.free.shape[1]
         views: list[tuple[Array, Array] | None] = [None] * ring.capacity
+        matrix: Array | None = None
+        values_of = numbers(1)
 
         def view(end: int) -> tuple[Array, Array]:
             change = cells[end, m:]
             views[end] = found = change, change.reshape(-1, 1)
             return found
 
-        def push(B: Array, u: Array) -> None:
+        def push(B: Array, u: Any) -> bool:
+            nonlocal matrix, values_of
+            if B is not matrix:
+                matrix, values_of = B, numbers(B.shape[1])
+            if u.__class__ is not ARRAY or values_of(u) is None:
+                return False
             end = ring.end
             flat, column = views[end] or view(end)
-            B.dot(u, flat if u.ndim == 1 else column)
+            if u.ndim == 1:
+                B.dot(u, flat)
+            elif u.shape[1] == 1:
+                B.dot(u, column)
+            else:
+                return False
             inputs.coming = flat
+            return True
 
         return push
 

@@ -133,7 +133,7 @@ class Slots:
 
     def edit(self, delta: Array, after_rows: bool) -> None:
         """x was moved from outside by `delta`, after or before the rows of this step."""
-        self._trajectory().edit(self.end - 1, self.now, delta, after_rows)
+        self._trajectory().edit(self.end - 1, delta, after_rows)
 
     def _trajectory(self) -> Trajectory:
         if self.inputs is None:

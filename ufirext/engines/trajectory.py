@@ -20,7 +20,7 @@ class Trajectory:
         self.after: Array | None = None  # edits since the last row of this step
         self.coming: Array | None = None  # what the step adds that is open and has no slot so far
         self.over = False  # whether nothing was known for as long as anything is remembered
-        self.edited = self.rebased = now  # steps at which x was edited, and x_u started anew
+        self.rebased = now
         self.valid_from = now - slots  # oldest step whose path belongs to the present x_u
 
     def advance(self, slot: int, F: Array, known: Array | None) -> None:
@@ -35,9 +35,9 @@ class Trajectory:
         self.known[slot] = 0.0 if total is None else total
         self.path[slot] = self.now
 
-    def edit(self, slot: int, step: int, delta: Array, after_rows: bool) -> None:
-        """x was moved from outside, after or before the rows of a step, the newest, in `slot`."""
-        self.now, self.edited = self.now + delta, step
+    def edit(self, slot: int, delta: Array, after_rows: bool) -> None:
+        """x was moved from outside, after or before the rows of the step of `slot`."""
+        self.now = self.now + delta
         if after_rows:
             self.after = delta if self.after is None else self.after + delta
         else:

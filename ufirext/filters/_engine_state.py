@@ -45,9 +45,9 @@ class EngineState(FilterState):
         """z goes straight into the ring while x can wait and nothing is watched."""
         self.put = None if self.watching or self.read is None else self.intake
 
-    def drive(self, u: Any, B: Any) -> bool:
+    def drive(self, u: Any, B: Any, x: Array | None = None) -> bool:
         """predict(u) while the model is constant: as in filterpy, inputs go nowhere where there is no B."""
-        return self.mode != PREDICTED and self.B is None and B is None and self._intact()
+        return x is None and self.mode != PREDICTED and self.B is None and B is None and self._intact()
 
     def _kalman(self, z: Array, H: Array, R: Array, cross: Array | None) -> Covariance:
         """The book's update, for as long as the rows do not determine the state."""

@@ -38,8 +38,10 @@ class HotState(Protocol):
         the slow path is needed.
         """
 
-    def drive(self, u: Any, B: Any) -> bool:
-        """predict(u) while the model is constant: False, with nothing done, where the slow path is needed."""
+    def drive(self, u: Any, B: Any, x: Array | None = None) -> bool:
+        """predict(u) while the model is constant, or after an edit of x: False, with nothing done, where the
+        slow path is needed.
+        """
 
     def take(self, z: Any, R: Any = None, delay: int = 0) -> bool:
         """update() where z alone is not all: False, with nothing done, where the slow path is needed."""
@@ -105,25 +107,26 @@ class HotFilter(FilterSurface):
         mode = state.mode
         if mode == POSTED and u is None and F is None and Q is None:
             x = state._x_handed
-            if x is None or x.tobytes() == state._x_raw:
+            if x is None or x.tobytes() == state._x_raw or state.drive(None, None, x):
                 state._x_handed = None
                 state.mode = PREDICTED
                 return
         elif mode:
             x = state._x_handed
             if x is None or x.tobytes() == state._x_raw:
-                if mode >= TURNED:
-                    if state.turn(u, B, F, Q):
-                        state._x_handed = None
-                        return
-                elif (
-                    (F is None or state.F.known(F) is not None)
-                    and (Q is None or state.Q.known(Q) is not None)
-                    and ((mode == POSTED or state.coast()) if u is None else state.drive(u, B))
-                ):
+                x = None
+            if mode >= TURNED:
+                if x is None and state.turn(u, B, F, Q):
                     state._x_handed = None
-                    state.mode = PREDICTED
                     return
+            elif (
+                (F is None or state.F.known(F) is not None)
+                and (Q is None or state.Q.known(Q) is not None)
+                and ((mode == POSTED or state.coast()) if u is None and x is None else state.drive(u, B, x))
+            ):
+                state._x_handed = None
+                state.mode = PREDICTED
+                return
         super().predict(u, B, F, Q)
 
     def update(

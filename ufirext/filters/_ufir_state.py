@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import FLOAT, Array, finite
 from ..engines.covariance import Covariance
 from ..engines.driven import Driven, drivable
-from ..engines.lean import Hands, intake, numbers, reading
+from ..engines.lean import Hands, intake, reading
 from ..engines.records import Solution
 from ..engines.ring import Ring
 from ..engines.uneven import REGULAR, Point, Uneven, uneven
@@ -27,6 +27,9 @@ from ._window_state import MISSING, WINDOWS, checked_horizon
 
 __all__ = ["MISSING", "POSTED", "PREDICTED", "SLOW", "WINDOWS", "UFIRState", "checked_horizon"]
 
+# Steps on the hot path that are worth while, where entering and leaving it costs something; the longest wait
+# for the next try.
+BRIEF, LONGEST_REST = 4, 64
 # What belongs to one filter and is made anew for a copy.
 TORN = ("put", "intake", "plainly", "driven", "uneven")
 
@@ -45,6 +48,9 @@ class UFIRState(VaryingState):
         self.opened: Point | None = None  # what the last update()'s step started from; None: `prior` tells
         self.faced: Point | None = None  # what its row met
         self.came: int | None = None  # the age of its row, None where nothing came
+        # A driven window is left after `entered`, and entered again from `resume` on, the later the shorter
+        # it lasted: who looks at everything at every step had better have it worked out at once.
+        self.entered = self.rest = self.resume = 0
         self.missed = 0  # hot steps without a measurement, in a row
         self.silent = 0  # of these, the last ones that had no update() either
 
@@ -74,7 +80,7 @@ class UFIRState(VaryingState):
             self._enter(ring)
         elif (
             isinstance(ring, Ring)
-            and (ring.inputs is None or drivable(ring))
+            and (ring.inputs is None or (ring.now >= self.resume and drivable(ring)))
             and ring.ordinary
             and solution is not None
             and not (self.stale and self.policy == "auto")
@@ -82,6 +88,7 @@ class UFIRState(VaryingState):
         ):
             self.mode = WATCHED if self.watching else POSTED
             self.seen, self.ring, self.missed, self.silent = ring.now, ring, 0, 0
+            self.entered = ring.now
             if self.uneven is not None and self.uneven.column != (self.form == 2):
                 self.uneven = None
             self.hot_x = self.shaped(self.x)
@@ -213,24 +220,45 @@ class UFIRState(VaryingState):
             self.leave()
         return super().hand_out_x()
 
-    def drive(self, u: Any, B: Any) -> bool:
-        """The hot path's predict(u); False, with nothing done, where the slow path is needed."""
+    def drive(self, u: Any, B: Any, x: Array | None = None) -> bool:
+        """The hot path's predict() with a known input, or after an edit of x; False, with nothing done, where
+        the slow path is needed.
+        """
         if self.mode == PREDICTED or (self.watching and not self._intact()):
             return False
         if self.B is None:
-            return B is None  # as in filterpy, inputs go nowhere
-        if B is not None and self.B.known(B) is None:
+            if u is not None and B is not None:
+                return False
+            u = None  # as in filterpy, inputs go nowhere
+        elif u is not None and B is not None and self.B.known(B) is None:
             return False
-        gain = self.B.value
-        size = gain.shape[1]
-        if not (u.__class__ is np.ndarray and u.shape == (size, 1) and numbers(size)(u)):
-            u = input_vector(u, size)
-        if self._hot_ring().inputs is None:
-            return not gain.dot(u).any()
-        if self.driven is None:
-            return False
-        self.driven.push(gain, u)
+        driven = self.driven if self._hot_ring().inputs is not None else None
+        delta = None
+        if x is not None:
+            delta = x.reshape(-1) - np.frombuffer(self._x_raw)
+            if driven is None or not delta.dot(delta) < np.inf:
+                return False
+        if u is not None and self.B is not None:
+            B = self.B.value
+            if driven is None:
+                return not B.dot(input_vector(u, B.shape[1])).any()
+            driven.push(B, u) or driven.push(B, input_vector(u, B.shape[1]))
+        if driven is not None and delta is not None:
+            driven.nudge(delta)
         return True
+
+    def write_x(self, value: Any) -> None:
+        """x assigned from outside; where a driven window goes on, this is an edit like one in place."""
+        plainly = (
+            self.mode in (POSTED, WATCHED) and self.read is not None and self._hot_ring().inputs is not None
+        )
+        shape = (self.dim_x, 1) if self.form == 2 else (self.dim_x,)
+        if plainly and value.__class__ is np.ndarray and value.dtype is FLOAT and value.shape == shape:
+            finite(value, "x")
+            self.hand_out_x()
+            self._x_handed = value.copy()
+        else:
+            super().write_x(value)
 
     def _one_ahead(self, x: Array) -> Array:
         ring = self._hot_ring()
@@ -320,6 +348,10 @@ class UFIRState(VaryingState):
             self._cool()
 
     def _cool(self) -> None:
+        if self.ring is not None and self.ring.inputs is not None:
+            now = self.ring.now
+            self.rest = 0 if now - self.entered >= BRIEF else min(2 * self.rest + 1, LONGEST_REST)
+            self.resume = now + self.rest
         if self.mode == PREDICTED:
             ring = self._hot_ring()
             ring.advance(ring.take_coming())
