@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ._arrays import Array, symmetric
+from ._rounding import SUSPECT
 from .model import Model
 from .window import whitener
 
@@ -23,7 +24,7 @@ def constant_gain(model: Model, horizon: int, lag: int) -> Array | None:
         C = observations(W @ model.H, model.F, horizon)
         T = np.linalg.matrix_power(model.F, horizon - 1 - lag)
         scale = np.sqrt(np.einsum("ij,ij->j", C, C))
-    if not (np.isfinite(scale).all() and scale.all()):
+    if not (np.isfinite(scale).all() and scale.all()) or scale.min() ** 2 < SUSPECT * scale.max() ** 2:
         return None
     C /= scale  # in place: fresh pages of memory cost as much as the arithmetic
     normal = C.T @ C

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from ._arrays import Array, symmetric
+from ._rounding import carried_rounding, drowned
 
 __all__ = [
     "Segment",
@@ -43,6 +44,7 @@ class Segment(NamedTuple):
     """x_end = A x_start + b + N(0, C) given the rows; the rows say eta = J x_start + N(0, J).
 
     `loss` is the largest trace(C J) of the combinations it was made by: (I + C J)^-1 costs so many ulps.
+    `rounding`, (n,), is what arithmetic alone may have left on the diagonal of J.
     """
 
     A: Array
@@ -50,33 +52,34 @@ class Segment(NamedTuple):
     C: Array
     eta: Array
     J: Array
-    loss: float = 0.0
+    loss: float
+    rounding: Array
 
 
 def transition(F: Array, known: Array, Q: Array, eta: Array, J: Array) -> Segment:
     """One step: rows with (eta, J) = (H'R^-1 z, H'R^-1 H) on a state, then F, a known input and Q."""
-    return Segment(F, known, Q, eta, J)
+    return Segment(F, known, Q, eta, J, 0.0, np.zeros(len(eta)))
 
 
 def closing(eta: Array, J: Array) -> Segment:
     """The newest step: its rows, and no transition after them."""
     n = len(eta)
-    return Segment(np.eye(n), np.zeros(n), np.zeros((n, n)), eta, J)
+    return Segment(np.eye(n), np.zeros(n), np.zeros((n, n)), eta, J, 0.0, np.zeros(n))
 
 
 def known_start(x: Array, P: Array) -> Segment:
     """A state that is known beforehand with mean x and covariance P, whatever was before."""
     n = len(x)
-    return Segment(np.zeros((n, n)), x, P, np.zeros(n), np.zeros((n, n)))
+    return Segment(np.zeros((n, n)), x, P, np.zeros(n), np.zeros((n, n)), 0.0, np.zeros(n))
 
 
 def combine(first: Segment, second: Segment) -> Segment:
     """The segment of both, one after the other; associative."""
-    A1, b1, C1, eta1, J1, loss1 = first
-    A2, b2, C2, eta2, J2, loss2 = second
+    A1, b1, C1, eta1, J1, loss1, rounding1 = first
+    A2, b2, C2, eta2, J2, loss2, rounding2 = second
     loss = max(loss1, loss2, float(np.vdot(C1, J2)))
     if not J2.any():
-        return Segment(A2 @ A1, A2 @ b1 + b2, A2 @ C1 @ A2.T + C2, eta1, J1, loss)
+        return Segment(A2 @ A1, A2 @ b1 + b2, A2 @ C1 @ A2.T + C2, eta1, J1, loss, rounding1)
     # D = (I + C1 J2)^-1 on everything at once.
     DA, DC, Db = _shared(A1, C1, b1 + C1 @ eta2, J2)
     back = DA.T
@@ -87,6 +90,7 @@ def combine(first: Segment, second: Segment) -> Segment:
         back @ (eta2 - J2 @ b1) + eta1,
         back @ J2 @ A1 + J1,
         loss,
+        rounding1 + carried_rounding(A1, J2, rounding2),
     )
 
 
@@ -107,13 +111,13 @@ def estimate(whole: Segment) -> Array | None:
     """
     if whole.loss > TRUSTED:
         return None
-    root = _inverse_root(whole.J, whole.A)
+    root = _inverse_root(whole.J, whole.A, whole.rounding)
     return None if root is None else whole.A @ (root @ (root.T @ whole.eta)) + whole.b
 
 
 def covariance(whole: Segment) -> Array:
     """Error covariance of `estimate`: A J^+ A' + C."""
-    root = _inverse_root(whole.J, whole.A)
+    root = _inverse_root(whole.J, whole.A, whole.rounding)
     if root is None:
         raise RuntimeError("the segment does not determine its last state")
     spread = whole.A @ root
@@ -133,7 +137,8 @@ def split(first: Segment, second: Segment, trusted: float = TRUSTED) -> tuple[Ar
     # Information of both, as `combine` has it.
     eta = DA.T @ (second.eta - second.J @ first.b) + first.eta
     J = DA.T @ second.J @ first.A + first.J
-    root = _inverse_root(J, first.A)
+    rounding = first.rounding + carried_rounding(first.A, second.J, second.rounding)
+    root = _inverse_root(J, first.A, rounding)
     if root is None:
         return None
     spread = DA @ root
@@ -150,8 +155,10 @@ def hopeless(whole: Segment) -> bool:
     return bool(zero.any()) and not _hidden(whole.A / scale, vectors[:, zero])
 
 
-def _inverse_root(J: Array, A: Array) -> Array | None:
+def _inverse_root(J: Array, A: Array, rounding: Array) -> Array | None:
     """W with W W' = J^+; None where what J does not see reaches A x, or nobody can tell what it sees."""
+    if drowned(J, rounding):
+        return None
     diagonal = J.diagonal()
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(J / (scale[:, None] * scale))

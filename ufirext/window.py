@@ -15,6 +15,7 @@ import numpy as np
 
 from ._arrays import Array
 from ._lapack import cholesky_solver
+from ._rounding import without_rounding
 from .model import Model
 
 # Singular values of the column-scaled rows below this fraction of the largest count as zero.
@@ -169,7 +170,7 @@ class Window:
         with np.errstate(over="ignore", invalid="ignore"):
             for F in self.F:
                 result.append(F @ result[-1])
-        return result
+            return list(without_rounding(np.array(result)))
 
     @cached_property
     def C(self) -> Array:

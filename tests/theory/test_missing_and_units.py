@@ -81,3 +81,68 @@ def test_other_units_of_states_and_measurements_give_the_same_estimate(seed, nam
     size = np.sqrt(np.diag(f.P))
     assert_allclose(g.x.ravel() / state, f.x.ravel(), atol=1e-8 * max(1.0, size.max()))
     assert_allclose(g.P / np.outer(state, state), f.P, atol=1e-8 * max(1.0, np.abs(f.P).max()))
+
+
+@pytest.mark.parametrize("kind", [UFIRFilter, FMSFilterSmoother])
+@pytest.mark.parametrize("changing", [False, True])
+@pytest.mark.parametrize("missing", ["extend", "skip"])
+def test_one_precise_row_is_forgotten_with_its_window(kind, changing, missing):
+    """Rows that say nothing beside it count as missing for a horizon, and no longer."""
+    f = kind(2, 1, horizon=8, **({"missing": missing} if kind is UFIRFilter else {}))
+    f.F, f.H, f.R, f.Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), 1e4, 0.01 * np.eye(2)
+    for n in range(120):
+        f.predict(F=np.array([[1.0, 1.0 + 1e-12 * n], [0.0, 1.0]]) if changing else None)
+        f.update(3.0 * n, R=1e-5 if n == 10 else None)
+        assert n < 10 or 18 < n < 24 or abs(f.x[0, 0] - 3.0 * n) < 40.0
+    assert f.ready
+    np.testing.assert_allclose(f.x.ravel(), [357.0, 3.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [UFIRFilter, FMSFilterSmoother])
+@given(unit=st.sampled_from([1.0, 1e3, 1e6, 1e9]))
+def test_sensors_of_different_quantities_never_drown_each_other(kind, unit):
+    """Position in m and clock bias in s, ms, us or ns, one after the other: as good as both at once."""
+    A = np.array([[1.0, 1.0], [0.0, 1.0]])
+    F, units = np.kron(np.eye(2), A), np.array([1.0, 1.0, unit, unit])
+    H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+    R, Q = np.diag([1.0, 1e-16 * unit**2]), np.diag(np.array([1e-2, 1e-2, 1e-20, 1e-20]) * units**2)
+    rng, filters = np.random.default_rng(0), [kind(4, 2, horizon=10) for _ in range(2)]
+    for f in filters:
+        f.F, f.H, f.R, f.Q = F, H, R, Q
+    for n in range(40):
+        z = np.array([2.0 * n + rng.normal(), (1e-6 + 1e-9 * n + 1e-8 * rng.normal()) * unit])
+        for f in filters:
+            f.predict()
+        filters[0].update(z)
+        for i in range(2):
+            filters[1].update(z[i], R=R[i : i + 1, i : i + 1], H=H[i : i + 1])
+    assert all(f.ready for f in filters)
+    np.testing.assert_allclose(filters[1].x.ravel() / units, filters[0].x.ravel() / units, rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-10, 1e-4, 1.0, 1e6])
+@pytest.mark.parametrize("changing", [False, True])
+def test_an_exact_measurement_among_others_is_met(scale, changing):
+    """R = 0 beside others of variance `scale`: the estimate goes through it, whatever the units."""
+    f = UFIRFilter(2, 1, horizon=10)
+    f.F, f.H, f.R, f.Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), scale, 1e-6 * np.eye(2)
+    for n in range(20):
+        f.predict(F=np.array([[1.0, 1.0 + 1e-12 * n], [0.0, 1.0]]) if changing else None)
+        f.update(float(n))
+    f.predict()
+    f.update(25.0, R=0.0)
+    np.testing.assert_allclose(f.x[0, 0], 25.0, rtol=1e-6)
+    assert 0.0 <= f.P[0, 0] < 1e-3 * max(scale, 1e-6)
+
+
+def test_where_all_are_exact_none_outweighs_another():
+    f, g = (UFIRFilter(2, 1, horizon=6) for _ in range(2))
+    for h, R in ((f, 0.0), (g, 1.0)):
+        h.F, h.H, h.R = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), R
+    rng = np.random.default_rng(0)
+    for n in range(20):
+        z = n + rng.normal()
+        for h in (f, g):
+            h.predict()
+            h.update(z)
+    np.testing.assert_allclose(f.x, g.x, rtol=1e-12)

@@ -18,6 +18,7 @@ import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
+from .._rounding import SUSPECT
 from .hands import Hands, QuickRow
 
 if TYPE_CHECKING:
@@ -222,6 +223,8 @@ class Frames:
         """x of least squares over the window, None where the digits would not do."""
         np.add(self.older_at[self.age], self.newer, self.total)
         entries = self.diagonal.tolist()
+        if min(entries) < SUSPECT * max(entries):
+            return None
         if self.factorise(self.Lam, self.right, 0, 1, 1)[2]:
             return None
         for i, pivot in enumerate(self.diagonal.tolist()):

@@ -110,7 +110,8 @@ class Records:
         self.first = now  # number of steps[0]
         self.rows: list[Row] = []
         self.after: Array | None = None  # edits of x since the last row of this step
-        self.peak: Row | None = None  # the row with the most information
+        # Sliding maximum of the rows' information, and where in the window it counts; None: to be made.
+        self.peaks: deque[tuple[int, float]] | None = None
 
     def advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """One predict()."""
@@ -153,16 +154,30 @@ class Records:
         merged = Row(self.now, self.now, triangle[:, :n], np.eye(len(triangle)), triangle[:, n])
         self.rows[first:-1] = [merged]
 
-    def negligible(self, row: Row) -> bool:
-        """A row whose information is nothing beside the largest in reach counts as missing."""
-        peak, information = self.peak, row.information
-        if peak is not None and NEGLIGIBLE * peak.information <= information <= peak.information:
+    def negligible(self, row: Row, limits: Limits) -> bool:
+        """A row that says nothing beside the window's, of any state it sees, counts as missing; any other is
+        about to be added.
+        """
+        peaks = self.peaks
+        if peaks is None:
+            peaks = self.peaks = deque()
+            for other in self.rows:
+                _heap_up(peaks, _key(other, limits), other.information)
+        bound, information = self.now - limits.horizon, row.information
+        while peaks and peaks[0][0] <= bound:
+            peaks.popleft()
+        if peaks and information < len(row.H.T) * NEGLIGIBLE * peaks[0][1] and self._drowned(row, limits):
+            return True
+        _heap_up(peaks, _key(row, limits), information)
+        return False
+
+    def _drowned(self, row: Row, limits: Limits) -> bool:
+        """State by state, for units of states are not to be added up."""
+        bound = self.now - limits.horizon
+        window = [other.gram.diagonal() for other in self.rows if _key(other, limits) > bound]
+        if not window:
             return False
-        if peak is None or information < peak.information:
-            # The peak may have left the reach; what is not negligible beside an older one is not at all.
-            peak = max(self.rows, key=lambda other: other.information, default=row)
-        self.peak = peak if peak.information > information else row
-        return bool(self.rows) and information < NEGLIGIBLE * peak.information
+        return bool((row.gram.diagonal() <= NEGLIGIBLE * np.max(window, axis=0))[:-1].all())
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more."""
@@ -179,7 +194,7 @@ class Records:
         """An independent copy; rows and steps are immutable and shared."""
         fork = object.__new__(type(self))
         fork.__dict__.update(self.__dict__)
-        fork.steps, fork.rows = self.steps.copy(), self.rows.copy()
+        fork.steps, fork.rows, fork.peaks = self.steps.copy(), self.rows.copy(), None
         return fork
 
     def step(self, number: int) -> Step:
@@ -258,6 +273,13 @@ def _newest_gain(stack: Stack, gain: Array, newest: Row) -> Array:
         if row is newest:
             return gain[:, starts[index] : starts[index + 1]]
     return np.zeros((len(gain), len(newest.H)))
+
+
+def _heap_up(peaks: deque[tuple[int, float]], key: int, information: float) -> None:
+    """A new entry; what is neither newer nor larger will never be the maximum."""
+    while peaks and peaks[-1][1] <= information:
+        peaks.pop()
+    peaks.append((key, information))
 
 
 def _key(row: Row, limits: Limits) -> int:

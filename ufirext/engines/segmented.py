@@ -8,7 +8,6 @@ digits.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -31,7 +30,7 @@ from ..segments import (
 )
 from ..window import Row
 from .covariance import Covariance
-from .records import NEGLIGIBLE, Limits, Records, Solution, Stack
+from .records import Limits, Records, Solution, Stack
 
 __all__ = ["Lagged", "Prior", "Segmented"]
 
@@ -61,7 +60,6 @@ class Segmented(Records):
         self.references, self.oldest = {now: center}, now
         self.said: dict[int, tuple[Array, Array]] = {}  # eta and J of the rows at an instant
         self.instants: list[int] = []
-        self.peaks: deque[tuple[int, float]] = deque()  # sliding maximum of the rows' information
         self.start: int | None = None  # of the window; None while its rows do not determine the state
         self.clear = True  # whether the folds are accurate enough for this window
         self.doubtful = False  # whether no window of the model seen first determines the state
@@ -104,19 +102,10 @@ class Segmented(Records):
             insort(self.instants, row.origin)
         self.said[row.origin] = eta, J
         self._changed(row.origin)
-        while self.peaks and self.peaks[-1][1] <= row.information:
-            self.peaks.pop()
-        self.peaks.append((row.arrival, row.information))
-
-    def negligible(self, row: Row) -> bool:
-        """A row whose information is nothing beside the window's counts as missing."""
-        return bool(self.peaks) and row.information < NEGLIGIBLE * self.peaks[0][1]
 
     def forget(self, limits: Limits) -> None:
         """Drop what no window can reach any more, once a horizon."""
         bound = self.now - limits.reach
-        while self.peaks and self.peaks[0][0] <= bound:
-            self.peaks.popleft()
         if self.now - self.tidied < limits.horizon:
             return
         self.tidied = self.now
@@ -262,7 +251,7 @@ class Segmented(Records):
         if not isinstance(fork, Segmented):
             raise TypeError(f"a copy of {type(self).__name__} is one")
         fork.said, fork.instants = self.said.copy(), self.instants.copy()
-        fork.references, fork.peaks = self.references.copy(), self.peaks.copy()
+        fork.references = self.references.copy()
         leaf = fork._leaf
         fork.whole, fork.head, fork.tail = self.whole.copy(leaf), self.head.copy(leaf), self.tail.copy(leaf)
         return fork

@@ -16,6 +16,7 @@ import numpy as np
 
 from .._arrays import Array
 from .._lapack import cholesky_solver
+from .._rounding import carried_rounding, drowned
 from ..window import Row, well_scaled
 from .records import Limits, Records
 
@@ -28,10 +29,13 @@ OVERLAP = 8
 
 
 class Suffix(NamedTuple):
-    """Sum of the grams of the rows after a bound, up to the boundary, in the frame of x_a; and Phi(f, a)."""
+    """Sum of the grams of the rows after a bound, up to the boundary, in the frame of x_a; Phi(f, a); and
+    what rounding may have left on the diagonal of the sum.
+    """
 
     sum: Array
     lead: Array
+    rounding: Array
 
 
 class Block:
@@ -41,7 +45,7 @@ class Block:
         self.boundary, self.frame = boundary, frame
         self.sum = np.zeros((dim_x + 1, dim_x + 1))
         self.products = [np.eye(dim_x + 1)]  # Phi(frame + j, frame)
-        self.suffixes = [Suffix(self.sum.copy(), self.products[0])]
+        self.suffixes = [Suffix(self.sum.copy(), self.products[0], np.zeros(dim_x + 1))]
         self.oldest = frame
 
     def advance(self, E: Array) -> None:
@@ -59,17 +63,21 @@ class Block:
         product = self.products[origin - self.frame]
         self.sum += product.T.dot(gram.dot(product))
 
-    def window(self, bound: int) -> tuple[Array, Array]:
-        """The rows after `bound`: their sum in the frame of their oldest state, and Phi from it to now."""
-        older, lead = self.suffixes[self.boundary - bound]
-        return older + lead.T.dot(self.sum.dot(lead)), self.products[-1].dot(lead)
+    def window(self, bound: int) -> tuple[Array, Array, Array]:
+        """The rows after `bound`: their sum in the frame of their oldest state, Phi from it to now, and what
+        rounding may have left on the diagonal of the sum.
+        """
+        older, lead, rounding = self.suffixes[self.boundary - bound]
+        rounding = rounding + carried_rounding(lead, self.sum, np.zeros(len(lead)))
+        return older + lead.T.dot(self.sum.dot(lead)), self.products[-1].dot(lead), rounding
 
     def lengthen(self, rows: list[Row], records: Records) -> None:
         """One more suffix: the rows of the next older step join, in the frame of the oldest origin."""
-        total, lead = self.suffixes[-1]
+        total, lead, rounding = self.suffixes[-1]
         for row in rows:
             while self.oldest > row.origin:
                 E = records.step(self.oldest).affine
+                rounding = carried_rounding(E, total, rounding)
                 total, lead = E.T.dot(total.dot(E)), lead.dot(E)
                 self.oldest -= 1
         ahead, step = None, self.oldest
@@ -78,8 +86,10 @@ class Block:
                 step += 1
                 E = records.step(step).affine
                 ahead = E if ahead is None else E.dot(ahead)
+            if ahead is not None:
+                rounding = rounding + carried_rounding(ahead, row.gram, np.zeros(len(ahead)))
             total = total + (row.gram if ahead is None else ahead.T.dot(row.gram.dot(ahead)))
-        self.suffixes.append(Suffix(total, lead))
+        self.suffixes.append(Suffix(total, lead, rounding))
 
 
 class Suffixes:
@@ -186,8 +196,10 @@ class Suffixes:
 
     def estimate(self) -> Array | None:
         """x of least squares over the window, None where the digits would not do."""
-        total, ahead = self.active.window(self.now - self.limits.horizon)
+        total, ahead, rounding = self.active.window(self.now - self.limits.horizon)
         Lam, Phi = total[:-1, :-1], ahead[:-1, :-1]
+        if drowned(Lam, rounding[:-1]):
+            return None
         factor, solution, info = cholesky_solver()(Lam, total[:-1, -1])
         if info or not well_scaled(factor, Lam, WEAK_PIVOT**2) or np.vdot(Phi, Phi) > GROWTH**2:
             return None

@@ -36,6 +36,7 @@ class Varying(Records):
         """Take over a past."""
         engine = object.__new__(cls)
         engine.__dict__.update(records.__dict__)
+        engine.peaks = None
         engine._begin(limits)
         return engine
 
@@ -61,7 +62,7 @@ class Varying(Records):
         fork = object.__new__(type(self))
         fork.__dict__.update(self.__dict__)
         fork.steps, fork.rows = self.steps.copy(), self.rows.copy()
-        fork.sums = None
+        fork.sums = fork.peaks = None
         return fork
 
     def __getstate__(self) -> dict[str, object]:

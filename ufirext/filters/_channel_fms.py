@@ -55,7 +55,7 @@ class AveragedFMSState(AveragedRows, FMSState):
         self._begin(self.F.value, self.Q.value)
         folds = self._folds()
         step, row, T = decorrelated(folds, z, H, R)
-        if folds.negligible(row):
+        if folds.negligible(row, self.limits):
             return None
         folds.steps[-1], self.left = step, None
         solution = self._entered(folds, row)

@@ -197,7 +197,7 @@ class CorrelatedWindow(WindowState):
             unit = root(engine.step(self.now - delay).Q)
             correlation = np.asarray(np.linalg.lstsq(unit, correlation, rcond=None)[0], dtype=float)
         row = Row(self.now - delay, self.now, H, R, z, correlation=correlation)
-        if engine.negligible(row):
+        if engine.negligible(row, self.limits):
             return False, None
         self.irregular = self.now
         engine.add(row)

@@ -158,7 +158,7 @@ class FMSState(EngineState):
                 return self._solved(engine.solve())
         folds = self._folds()
         row = Row(self.now - delay, self.now, H, R, z)
-        if folds.negligible(row):
+        if folds.negligible(row, self.limits):
             return None
         solution = self._entered(folds, row)
         if solution is not None:

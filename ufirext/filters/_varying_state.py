@@ -116,7 +116,7 @@ class VaryingState(WindowState):
         if z is None:
             return H is None and R is None and self._blank(engine)
         row = sums.row(engine.now, z, self.H.present if H is None else H, self.R.present if R is None else R)
-        if row is None or engine.negligible(row):
+        if row is None or engine.negligible(row, engine.limits):
             return False
         if self.mode == TURNED:
             self.look()  # a second row of this step meets what the first one left

@@ -20,6 +20,9 @@ from ._engine_state import EngineState
 
 # Horizon where the model determines none (it is unobservable at every horizon: the filter coasts).
 FALLBACK_HORIZON = 10
+# Variance of a measurement with R = 0, beside the largest of the others: its information is not so much more
+# that theirs is negligible.
+EXACT = 1e-7
 MISSING = ("extend", "skip", "predict")
 WINDOWS = ("arrivals", "origins")
 
@@ -158,8 +161,15 @@ class WindowState(EngineState):
         if isinstance(engine, Varying) and self.ready_at is not None and self.ready_at < self.now - 1:
             # The window these lean on may be forgotten when the row comes in.
             self.P.value, self.post[1].value
-        counted, solution = self._add(engine, z, H, R, delay)
+        counted, solution = self._add(engine, z, H, self._weighable(engine, R), delay)
         return self._concluded(solution, z, H, R, delay, cross) if counted else None
+
+    def _weighable(self, engine: Ring | Records, R: Array) -> Array:
+        """R, or what an exact measurement is taken for among others that are not: all the same if all are."""
+        if R[0, 0] != 0.0 or R.any() or (isinstance(engine, Ring) and R is self.anchor[3]):
+            return R
+        others = (self.R.value, *(row.R for row in self._as_records().rows))
+        return np.eye(len(R)) * (EXACT * max(float(other.diagonal().max()) for other in others))
 
     def _concluded(
         self, solution: Solution | None, z: Array, H: Array, R: Array, delay: int, cross: Array | None = None
@@ -190,7 +200,7 @@ class WindowState(EngineState):
                 return True, engine.solve()
             engine = self.engine = self._over(engine.records())
         row = Row(self.now - delay, self.now, H, R, z)
-        if engine.negligible(row):
+        if engine.negligible(row, self.limits):
             return False, None
         again = bool(engine.rows) and engine.rows[-1].arrival == self.now
         if delay or again or H is not self.H.value or R is not self.R.value:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
+from .._rounding import SUSPECT
 
 __all__ = ["positive_solution"]
 
@@ -16,14 +17,16 @@ def positive_solution(
     """x of A x = b for symmetric positive definite A (n, n, batch), b (n, batch), by Cholesky.
 
     The matrices are scaled by `diagonal` (n, batch), their own by default. Also where the smallest pivot is
-    then at least `weakest`, so that no more digits than those of 1 / weakest^2 are lost; elsewhere x is
-    anything.
+    then at least `weakest`, so that no more digits than those of 1 / weakest^2 are lost, and no diagonal
+    entry is so small beside another that it may be rounding; elsewhere x is anything.
     """
     n = len(A)
+    entries = A[range(n), range(n)]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        unit = 1.0 / np.sqrt(A[range(n), range(n)] if diagonal is None else diagonal)
+        unit = 1.0 / np.sqrt(entries if diagonal is None else diagonal)
         L: list[list[Array]] = []
         sound: NDArray[np.bool_] = np.asarray(np.isfinite(unit).all(axis=0))
+        sound &= entries.min(axis=0) >= SUSPECT * entries.max(axis=0)
         y: list[Array] = []
         for i in range(n):
             row: list[Array] = []

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from .._arrays import Array
+from .._rounding import SUSPECT
 from .windows import Mask
 
 __all__ = ["scan_series"]
@@ -71,8 +72,11 @@ def _moved(information: Array, G: Array, temporary: Array, out: Array) -> None:
 def _solution(information: Array, weakest: float, lower: Array, x: Array) -> bool:
     """The state of information [Lam; eta'] by Cholesky of the scaled Lam; False where a pivot is weak."""
     n = information.shape[1]
+    most = 0.0
     for i in range(n):
-        if not information[i, i] > 0.0:
+        most = max(most, information[i, i])
+    for i in range(n):
+        if not information[i, i] > SUSPECT * most:
             return False
     for i in range(n):
         for j in range(i + 1):

@@ -96,7 +96,7 @@ def rows_of(request: Request, series: int, limits: Limits) -> Rows | None:
         return None
     A = W @ np.concatenate([H, -np.where(present, z, 0.0)[:, :, None]], axis=2)
     information = np.einsum("tmn,tmn->t", A[:, :, :n], A[:, :, :n])[came]
-    if information.min(initial=np.inf) < NEGLIGIBLE * information.max(initial=0.0):
+    if information.min(initial=np.inf) < n * NEGLIGIBLE * information.max(initial=0.0):
         return None
     G = np.zeros((len(z), n + 1, n + 1))
     G[:, :n, :n] = model.F if changing.F is None else changing.F
