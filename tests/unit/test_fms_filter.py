@@ -46,10 +46,11 @@ class Naive:
         return [row for row in self.rows if row[0] >= start]
 
     def estimate(self, lag: int):
-        """x_now, x_lag (or the oldest state of the window), and the joint covariance."""
+        """x_now, x_lag (before the first step: the oldest state of the window), and the joint covariance."""
         rows = self.window()
-        old = min(row[0] for row in rows)
-        aim, n = max(self.now - lag, old), rows[0][2].shape[1]
+        old, n = min(row[0] for row in rows), rows[0][2].shape[1]
+        aim = self.now - lag if self.now > lag else max(self.now - lag, old)
+        old = min(old, aim)
         steps = range(old + 1, self.now + 1)
         into = np.zeros((n, n + n * len(steps)))
         into[:, :n] = np.eye(n)

@@ -214,36 +214,49 @@ class Segmented(Records):
         return stack, joint_gain(replace(stack.window, aim=aim - oldest))
 
     def lagged(self, aim: int, end: int, prior: Prior | None = None) -> Lagged | None:
-        """The state at `aim` from the rows up to `end`: those of the window, or those since the prior."""
-        if prior is None and self.start is None:
+        """The state at `aim` from the rows up to `end`: those of the window, or those since the prior.
+
+        A state before the oldest row is that row's, carried back together with the noise between. None where
+        the rows do not determine it, and before the prior, of which nobody knows what it was made of.
+        """
+        if prior is None:
+            return self._lagged_in_window(aim, end)
+        if aim < prior.time:
             return None
-        start = prior.time if prior is not None else self.start or 0
-        aim = max(aim, start)
-        if prior is None and not self.clear:
-            return self._lagged_slowly(aim, end)
-        second = self._closed(self.tail, aim, end)
-        first = self.head(start, aim)
-        if prior is not None:
-            known = known_start(prior.x - self._reference(prior.time), prior.P)
-            first = known if first is None else combine(known, first)
-        elif first is None:
-            n = len(self.center)
-            first = closing(np.zeros(n), np.zeros((n, n)))
+        known = known_start(prior.x - self._reference(prior.time), prior.P)
+        first = self.head(prior.time, aim)
         # A prior has no other way: it is what the filter was told.
-        found = split(first, second) if prior is None else split(first, second, np.inf)
+        trusted = np.inf
+        found = split(
+            known if first is None else combine(known, first), self._closed(self.tail, aim, end), trusted
+        )
+        return None if found is None else Lagged(self._reference(aim) + found[0], found[1], found[2])
+
+    def _lagged_in_window(self, aim: int, end: int) -> Lagged | None:
+        if self.start is None:
+            return None
+        # After a change of the horizon the folds may hold rows from before the window.
+        before = bisect_left(self.instants, aim) < bisect_left(self.instants, self.start)
+        if before or not self.clear:
+            return self._lagged_slowly(self.start, aim, end)
+        n, first = len(self.center), self.head(self.start, aim)
+        if first is None:
+            first = closing(np.zeros(n), np.zeros((n, n)))
+        found = split(first, self._closed(self.tail, aim, end))
         if found is None:
-            return None if prior is not None else self._lagged_slowly(aim, end)
+            return self._lagged_slowly(self.start, aim, end)
         return Lagged(self._reference(aim) + found[0], found[1], found[2])
 
-    def _lagged_slowly(self, aim: int, end: int) -> Lagged | None:
-        rows = [row for row in self.rows if row.origin >= self.start]  # type: ignore[operator]
-        stack = self.stack(rows, end)
-        window = replace(stack.window, aim=aim - (end - len(stack.window.F)))
-        if not window.determined():
+    def _lagged_slowly(self, start: int, aim: int, end: int) -> Lagged | None:
+        stack = self.stack([row for row in self.rows if row.origin >= start], aim)
+        if not stack.window.determined():
             return None
-        joint, n = joint_gain(window), len(self.center)
-        known = self.stack(rows, aim).known
-        return Lagged(joint.K[n:] @ stack.Z + known, joint.P[n:, n:], joint.P[:n, n:])
+        window, n = stack.window, len(self.center)
+        newest = aim - window.aim + len(window.F)
+        after = [self.step(number) for number in range(newest + 1, end + 1)]
+        F, Q = [step.F for step in after], [step.Q for step in after]
+        joint = joint_gain(replace(window, F=[*window.F, *F], Q=[*window.Q, *Q]))
+        return Lagged(joint.K[n:] @ stack.Z + stack.known, joint.P[n:, n:], joint.P[:n, n:])
 
     def copy(self) -> Segmented:
         """An independent copy; rows, steps and segments are immutable and shared."""
@@ -264,7 +277,8 @@ def _newest_gain(P: Covariance, row: Row) -> Array:
 
 def _late_gain(engine: Segmented, row: Row) -> Array:
     """P_{now, origin} H' R^-1: the gain on a row of an older state, zero if the window does not reach it."""
-    found = engine.lagged(row.origin, engine.now)
-    if found is None or engine.start is None or row.origin < engine.start:
+    reached = engine.start is not None and row.origin >= engine.start
+    found = engine.lagged(row.origin, engine.now) if reached else None
+    if found is None:
         return np.zeros((len(engine.center), len(row.H)))
     return np.asarray(found.cross @ row.H.T @ row.whitener.T @ row.whitener)

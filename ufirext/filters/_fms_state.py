@@ -7,40 +7,34 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array, integer
+from .._arrays import Array
 from ..engines.covariance import Covariance
 from ..engines.lean import intake
 from ..engines.pairs import PairRing, pair_plan
 from ..engines.records import Limits, Solution
-from ..engines.segmented import Lagged, Prior, Segmented
-from ..errors import CovarianceError, UnobservableWindow
+from ..engines.segmented import Prior, Segmented
+from ..errors import CovarianceError
 from ..minimum_variance import shortest_window
 from ..window import Row
-from ._engine_state import EngineState
+from ._fms_lag import LaggedState
 from ._state import POSTED, PREDICTED, SLOW, WATCHED
 
 # What belongs to one filter and is made anew for a copy.
 TORN = ("put", "intake", "read", "read_lagged")
 
 
-class FMSState(EngineState):
+class FMSState(LaggedState):
     """Minimum variance over a window, of the newest state and a lagged one; a Kalman filter until then."""
 
     def __init__(self, dim_x: int, dim_z: int, horizon: int, lag: int) -> None:
-        super().__init__(dim_x, dim_z)
-        self.horizon, self.lag = horizon, lag
+        super().__init__(dim_x, dim_z, horizon, lag)
         self.index: int | None = None
         self.unchecked = True  # whether the model has still to be looked at
-        self.engine: Segmented | PairRing | None = None
         self.anchor: tuple[Array, ...] = ()  # F, H, Q, R the ring was made for
         self.tried = 0  # step at which a ring was last looked for
         self.solution: Solution | None = None
         self.ready_at: int | None = None  # step of the last update that left the filter ready
         self.dropped = 0
-        self.known: Prior | None = None  # what the Kalman filter of the warm-up started from
-        self.own_P = self.P
-        self.lag_at = 0  # step of the last update
-        self.lagged_then: Lagged | None = None  # of the last update, once somebody asked
         self.read_lagged: Callable[[], Array] | None = None
         self.reading = 0  # form of x that the readers give
         self.seen = 0  # step up to which the published fields are worked out
@@ -107,26 +101,6 @@ class FMSState(EngineState):
 
     # -- verbs ------------------------------------------------------------------------------------------
 
-    def predict(self, F: Array, Q: Array, known: Array | None) -> None:
-        """Time update by F, Q and a known change of the state."""
-        written = self.P is not self.own_P
-        super().predict(F, Q, known)
-        if written and self.known is not None:
-            self.known = Prior(self.now, self.x, self.P.value)
-
-    def update(
-        self, z: Array | None, H: Array, R: Array, delay: int, cross: Array | None = None, whole: bool = False
-    ) -> None:
-        """Measurement update; z flat with NaN for missing components, or None."""
-        if self.P is not self.own_P and self.known is not None and not self.updated:
-            self.known = Prior(self.now, self.x, self.P.value)
-        self.lag_at, self.lagged_then = self.now, None
-        super().update(z, H, R, delay, cross, whole)
-
-    def _publish(self, x: Array, P: Covariance) -> None:
-        super()._publish(x, P)
-        self.own_P = P
-
     def _advance(self, F: Array, Q: Array, known: Array | None) -> None:
         engine = self._begin(F, Q)
         if isinstance(engine, Segmented):
@@ -141,6 +115,7 @@ class FMSState(EngineState):
 
     def _moved(self, delta: Array) -> None:
         engine = self.engine
+        super()._moved(delta)
         if isinstance(engine, PairRing) and self.updated == (engine.now == self.now):
             engine.edit(delta, self.updated)
         elif engine is not None:
@@ -169,17 +144,17 @@ class FMSState(EngineState):
 
     def _entered(self, folds: Segmented, row: Row) -> Solution | None:
         """The row in the window, and what the window says; None where it does not determine the state."""
+        self.lagged_then = None  # of the rows without this one
         folds.add(row)
         folds.forget(self.limits)
         solution = folds.solve(self.limits)
         if solution is None:
             self.solution = None
-            if self.known is None:
-                self.known = Prior(self.now, self.x, self.P.value)
+            self._lost()
         return solution
 
     def _solved(self, solution: Solution) -> Covariance:
-        self.solution, self.ready_at, self.known = solution, self.now, None
+        self.solution, self.ready_at, self.known, self.coasted = solution, self.now, None, ()
         self._publish(solution.x, solution.covariance)
         return solution.newest_gain
 
@@ -266,36 +241,6 @@ class FMSState(EngineState):
         if self.ready_at == self.now or isinstance(self.engine, PairRing):
             return True
         return self.engine.select(self.limits) is not None
-
-    def pair(self) -> Lagged:
-        """The lagged state as of the last update()."""
-        ring = self.engine
-        if self.mode and isinstance(ring, PairRing):
-            return ring.lagged()
-        if self.lagged_then is None:
-            self.lagged_then = self._lagged(self.lag)
-        return self.lagged_then
-
-    def lagged(self, lag: int) -> Lagged:
-        """The state `lag` steps before the last update(), from everything that had come by then."""
-        lag = integer(lag, "lag", 0, self.horizon - 1, "the window holds horizon states")
-        return self.pair() if lag == self.lag else self._lagged(lag)
-
-    def _lagged(self, lag: int) -> Lagged:
-        engine = self.engine
-        if engine is None:
-            return Lagged(self.x, self.P.value, self.P.value)
-        if isinstance(engine, PairRing):
-            if lag == self.lag and engine.now == self.lag_at:
-                return engine.lagged()
-            engine = self._folds()
-        found = engine.lagged(max(self.lag_at - lag, 0), self.lag_at, self.known)
-        if found is None:
-            raise UnobservableWindow(
-                f"the window must determine the state {lag} steps before the last update, it does not (yet); "
-                f"feed more measurements, shorten the lag or lengthen the horizon"
-            )
-        return found
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FMSState:
         self.settle()

@@ -122,7 +122,9 @@ class FMSFilterSmoother(WindowFilter):
     def x_lag(self) -> Array:
         """The state `lag` steps before the last update(), in the form of x, a copy.
 
-        During the first steps, when the window does not reach back as far, the oldest state it holds.
+        During the first steps, when that is before the first step of all, the oldest state of the window.
+        Where the rows of that step and of those before it are lost, the state of the oldest row is carried
+        back, as far as it determines the older one.
         """
         return self._state.hand_out_lagged()
 
@@ -139,7 +141,8 @@ class FMSFilterSmoother(WindowFilter):
     def smoothed(self, lag: int) -> tuple[Array, Array]:
         """The state `lag` steps before the last update(), from the same window, and its error covariance.
 
-        Costs a pass over the window unless it is the filter's own lag.
+        Costs a pass over the window unless it is the filter's own lag. Steps before the first one are thought
+        to be as the first.
 
         Parameters
         ----------
