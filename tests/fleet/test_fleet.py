@@ -155,6 +155,33 @@ def test_ragged_tracks_join_and_leave_at_any_time():
         assert np.isnan(X[~fleet.active]).all()
 
 
+@pytest.mark.parametrize("missing", ["extend", "skip"])
+@pytest.mark.parametrize("empty", [0, 1, 3, 9])
+def test_a_slot_that_stood_empty_is_as_good_as_a_new_one(empty, missing):
+    """A neighbour whose windows stay full takes the quick way as soon as nobody needs another."""
+    model, rng = MODELS["velocity"], np.random.default_rng(empty)
+    fleet, neighbour = Fleet(model, 6, 2, missing=missing), Peers(model, 6, 1, missing=missing)
+    peer = Peers(model, 6, 1, missing=missing)
+    for n in range(30):
+        if n == 9:
+            fleet.leave(1)
+        if n == 9 + empty:
+            assert fleet.join().tolist() == [1]
+            peer = Peers(model, 6, 1, missing=missing)
+        Z = rng.normal(size=(2, 1))
+        if not fleet.active[1]:
+            Z[1] = np.nan
+        X = fleet.step(Z)
+        neighbour.step(Z[:1])
+        assert_close(X[:1], neighbour.x, 1e-12)
+        if fleet.active[1]:
+            peer.step(Z[1:])
+            assert_close(X[1:], peer.x, 1e-12)
+            assert fleet.ready[1] == peer.ready[0]
+            assert_close(fleet.covariance(1), peer.P, 1e-9)
+    assert fleet.ready.all()
+
+
 def test_free_slots_are_taken_before_new_ones():
     fleet = Fleet(PLANE, 5, 4)
     fleet.leave([1, 3])

@@ -205,6 +205,7 @@ class Engine:
             slots = np.concatenate([slots, np.arange(self.tracks, self.tracks + missing)])
             self._widen(self.tracks + missing)
         self.active[slots] = True
+        self.odd[slots] = True  # ticks on which a slot stood empty say nothing of its next track
         return slots
 
     def _widen(self, tracks: int) -> None:
