@@ -80,6 +80,11 @@ class Space:
             return cls(xp, xp.asarray(0.0, device=device).dtype, device)
         raise ShapeError(f"{name} must hold float32, float64 or integers, got {value.dtype}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A module cannot be copied, nor can every device: an empty array says where it lives, and comes back
+        # where the arrays beside it do.
+        return Space.of, (self.xp.zeros((0,), dtype=self.dtype, **self.placed), "an array")
+
     @property
     def native(self) -> bool:
         """Whether arrays are NumPy's."""

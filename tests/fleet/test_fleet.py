@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -249,6 +252,30 @@ def test_what_step_returns_is_the_callers_own():
         mine[:] = 1e9
         Z[:] = 1e9
         np.testing.assert_array_equal(spoiled.x, clean.x)
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda f: pickle.loads(pickle.dumps(f))])
+@pytest.mark.parametrize("late", [0.0, 0.2])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("at", [0, 3, 25])
+def test_a_copy_goes_on_independently_with_the_same_numbers(at, dtype, late, clone):
+    traffic = Traffic(PLANE, 5, 45, lost=0.3, late=late)
+    fleet, untouched = Fleet(PLANE, 6, 5), Fleet(PLANE, 6, 5)
+    for Z, delay in zip(traffic.Z[:at], traffic.delays[:at], strict=True):
+        fleet.step(Z.astype(dtype), delay)
+        untouched.step(Z.astype(dtype), delay)
+    twin = clone(fleet)
+    assert repr(twin) == repr(fleet)
+    for Z, delay in zip(traffic.Z[at:], traffic.delays[at:], strict=True):
+        X = untouched.step(Z.astype(dtype), delay)
+        np.testing.assert_array_equal(fleet.step(Z.astype(dtype), delay), X)
+    for Z, delay in zip(traffic.Z[at:], traffic.delays[at:], strict=True):
+        Y = twin.step(Z.astype(dtype), delay)
+    assert Y.dtype == X.dtype == dtype
+    np.testing.assert_array_equal(Y, X)
+    np.testing.assert_array_equal(twin.covariance(), fleet.covariance())
+    twin.join(3)
+    assert fleet.tracks == 5
 
 
 def test_many_blocks_of_tracks_are_as_good_as_one(monkeypatch):

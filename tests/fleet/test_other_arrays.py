@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import builtins
+import copy
+import pickle
 
 import numpy as np
 import pytest
@@ -64,6 +66,22 @@ def test_joins_leaves_and_files(library, tmp_path):
         Z[rng.random(len(Z)) < 0.2] = np.nan
         X = fleet.step(library.asarray(Z.copy()))
         assert_close(np.asarray(X), reference.step(Z), 1e-12)
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda f: pickle.loads(pickle.dumps(f))])
+def test_copies_stay_in_the_library_and_go_on_independently(library, clone):
+    traffic = Traffic(PLANE, 4, 30, lost=0.2, late=0.2)
+    fleet = Fleet(PLANE, 5, 4)
+    for Z, delay in zip(traffic.Z[:14], traffic.delays[:14], strict=True):
+        fleet.step(library.asarray(Z.copy(), dtype=library.float32), delay)
+    twin = clone(fleet)
+    for Z, delay in zip(traffic.Z[14:], traffic.delays[14:], strict=True):
+        X = fleet.step(library.asarray(Z.copy(), dtype=library.float32), delay)
+    for Z, delay in zip(traffic.Z[14:], traffic.delays[14:], strict=True):
+        Y = twin.step(library.asarray(Z.copy(), dtype=library.float32), delay)
+    assert type(Y) is type(X)
+    assert Y.dtype == X.dtype == library.float32
+    np.testing.assert_array_equal(np.asarray(Y), np.asarray(X))
 
 
 def test_another_library_than_before_is_refused(library):

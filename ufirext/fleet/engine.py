@@ -61,6 +61,10 @@ class Engine:
             raise RuntimeError("a fleet has no memory before its first step")
         return Irregular(self.model, self.limits, self.space)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What the solver remembers is found again, and may be large.
+        return {name: value for name, value in self.__dict__.items() if name != "irregular"}
+
     def _nowhere(self, tracks: int) -> Any:
         space: Any = self.space
         return space.xp.full((tracks, self.model.dim_x), np.nan, dtype=space.dtype, **space.placed)
