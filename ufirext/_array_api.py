@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ._arrays import unmasked
 from .errors import NonFiniteError, ShapeError, UfirextError
 
 __all__ = ["Space", "is_native"]
@@ -193,7 +194,7 @@ class Space:
 def _native(value: Any, name: str) -> np.ndarray[Any, Any]:
     """`value` as a real NumPy array, not copied where it is one."""
     try:
-        array = np.asarray(value)
+        array = np.asarray(unmasked(value)[0])
         if array.dtype == object:
             array = array.astype(float)  # None is NaN, that is: missing
     except (TypeError, ValueError) as error:

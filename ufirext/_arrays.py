@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import sys
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,55 @@ PSD_SLACK = 1e-9
 
 
 def real(value: ArrayLike, name: str) -> Array:
-    """A fresh float64 array; complex, text and ragged input are refused."""
+    """A fresh float64 array; complex, text, ragged and masked input are refused."""
     if value.__class__ is np.ndarray and value.dtype == float:
         return value.copy()
+    return _numbers(without_mask(value, name), name)
+
+
+def readings(value: ArrayLike, name: str) -> Array:
+    """A fresh float64 array of measurements: as `real`, but a masked entry is a missing one, NaN."""
+    if value.__class__ is np.ndarray and value.dtype == float:
+        return value.copy()
+    return _numbers(unmasked(value)[0], name)
+
+
+def unmasked(value: Any) -> tuple[Any, bool]:
+    """`value` with NaN for its masked entries, inside lists too, and whether there are any."""
+    ma: Any = sys.modules.get("numpy.ma")  # NumPy loads it on demand: before that nobody has such an array
+    if ma is None:
+        return value, False
+    if isinstance(value, ma.MaskedArray):
+        data, hidden = np.asarray(value), ma.getmask(value)
+        if data.dtype.kind not in "fiubO" or not hidden.any():
+            return data, False
+        return np.where(hidden, np.nan, data), True
+    if isinstance(value, list | tuple) and any(
+        issubclass(kind, list | tuple | ma.MaskedArray) for kind in set(map(type, value))
+    ):
+        parts = [unmasked(part) for part in value]
+        if any(hidden for _, hidden in parts):
+            return [part for part, _ in parts], True
+    return value, False
+
+
+def masked_constant() -> Any:
+    """`numpy.ma.masked`, or None while nobody can have it."""
+    ma: Any = sys.modules.get("numpy.ma")
+    return None if ma is None else ma.masked
+
+
+def without_mask(value: Any, name: str) -> Any:
+    """`value` where a mask says nothing; one with masked entries is refused."""
+    plain, hidden = unmasked(value)
+    if hidden:
+        raise NonFiniteError(
+            f"{name} must have no masked entries, whose numbers mean nothing, got {value!s:.80}"
+        )
+    return plain
+
+
+def _numbers(value: Any, name: str) -> Array:
     try:
         raw = np.asarray(value)
         if np.iscomplexobj(raw):
@@ -128,16 +175,17 @@ def check_covariance(array: Array, name: str) -> None:
 
 def column(value: ArrayLike, size: int, name: str) -> Array:
     """A vector of `size` in any of filterpy's forms (scalar, list, row, column) as a flat (size,) array."""
-    array = real(value, name)
+    return flat(real(value, name), size, name)
+
+
+def flat(array: Array, size: int, name: str) -> Array:
+    """`array`, a vector of `size` in any of filterpy's forms, as a flat (size,) array."""
     shape = array.shape
     if shape == (size,):
         return array
-    flat = array.reshape(-1)
-    if shape == (size, 1):
-        return flat
-    if flat.size != size or array.ndim > 2 or sum(n != 1 for n in shape) > 1:
+    if shape != (size, 1) and (array.size != size or array.ndim > 2 or sum(n != 1 for n in shape) > 1):
         raise ShapeError(f"{name} must hold {size} number{'s' if size != 1 else ''}, got shape {shape}")
-    return flat
+    return array.reshape(-1)
 
 
 def integer(value: Any, name: str, lowest: int, highest: int | None = None, advice: str = "") -> int:

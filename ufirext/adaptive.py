@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
-from ._arrays import Array, integer, real
+from ._arrays import Array, integer, readings
 from .errors import HorizonError, NonFiniteError, ShapeError
 from .gains import least_squares
 from .model import Model
@@ -69,7 +69,7 @@ def from_data(model: Model, zs: ArrayLike, first: int, last: int) -> int:
 
 def _series(model: Model, zs: ArrayLike) -> tuple[Array, Array]:
     """The series as (steps, dim_z) with zeros for NaN, and which components are there."""
-    z = real(zs, "zs")
+    z = readings(zs, "zs")
     if z.ndim == 3 and z.shape[2] == 1:
         z = z[:, :, 0]
     if z.ndim == 1 and model.dim_z == 1:
@@ -211,7 +211,7 @@ class HorizonBank:
 
     def score(self, errors: ArrayLike) -> None:
         """Take one row's squared whitened prediction errors, NaN for a candidate that had none."""
-        fresh = np.asarray(errors, dtype=float)
+        fresh = readings(errors, "errors")
         if fresh.shape != self._sums.shape:
             raise ShapeError(
                 f"errors must have shape {self._sums.shape} (one a candidate), got {fresh.shape}"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ufirext import NonFiniteError
+
 from .models import constant_velocity, flat, plane, run, trajectory, vector, walk
 
 NAN = np.nan
@@ -159,3 +161,109 @@ def test_nan_never_poisons_x(make, column, rng):
         assert np.isfinite(f.x).all()
         assert np.isfinite(f.P).all()
     np.testing.assert_allclose(flat(f.x), states[-1], atol=1e-2)
+
+
+MASKED = {
+    "one component": (lambda z: np.ma.array(z, mask=[True, False]), [True, False]),
+    "as a column": (lambda z: np.ma.array(z.reshape(2, 1), mask=[[True], [False]]), [True, False]),
+    "of integers": (lambda z: np.ma.array(z.astype(int), mask=[True, False]), [True, False]),
+    "in a list": (lambda z: [np.ma.masked, z[1]], [True, False]),
+    "all": (lambda z: np.ma.array(z, mask=True), True),
+    "the constant": (lambda z: np.ma.masked, True),
+    "none": (lambda z: np.ma.array(z), False),
+}
+
+
+@pytest.mark.contract(37, better=True)
+@pytest.mark.parametrize("kind", MASKED)
+def test_a_masked_entry_is_a_missing_component(make, column, rng, kind):
+    f, twin = plane(make, column), plane(make, column)
+    for n, z in enumerate(np.rint(walk(rng, 60, 2))):
+        hide, hidden = MASKED[kind]
+        marked, seen = (hide(z), np.where(hidden, NAN, z)) if n % 4 == 3 else (z, z)
+        run(f, [marked])
+        run(twin, [seen])
+        np.testing.assert_array_equal(f.x, twin.x)
+        np.testing.assert_array_equal(f.P, twin.P)
+        np.testing.assert_array_equal(f.z, twin.z)
+        np.testing.assert_array_equal(f.residual_of(marked), f.residual_of(seen))
+        assert f.log_likelihood_of(marked) == f.log_likelihood_of(seen)
+
+
+@pytest.mark.contract(37, better=True)
+def test_a_masked_scalar_is_no_measurement(make, column, rng):
+    f, twin = constant_velocity(make, column), constant_velocity(make, column)
+    forms = (np.ma.masked, [np.ma.masked], np.ma.array([7.0], mask=True), np.ma.array(7.0, mask=True))
+    for n, z in enumerate(walk(rng, 60, 1)):
+        run(f, [forms[n // 5 % 4] if n % 5 == 3 else z])
+        run(twin, [NAN if n % 5 == 3 else z])
+        np.testing.assert_array_equal(f.x, twin.x)
+        np.testing.assert_array_equal(f.P, twin.P)
+
+
+@pytest.mark.contract(37, better=True)
+def test_a_masked_component_taken_on_its_own_is_missing(make, column, rng):
+    f, twin, zs = plane(make, column), plane(make, column), walk(rng, 5, 2)
+    run(f, zs)
+    run(twin, zs)
+    f.update_sequential(0, np.ma.array([1.0, 2.0], mask=[False, True]))
+    twin.update_sequential(0, [1.0, NAN])
+    np.testing.assert_array_equal(f.x, twin.x)
+
+
+@pytest.mark.contract(37, better=True)
+def test_batch_filter_reads_masks(make, column, rng):
+    zs = np.ma.array(walk(rng, 30, 2), mask=rng.random((30, 2)) < 0.3)
+    for series in (zs, list(zs)):
+        ours = plane(make, column).batch_filter(series)
+        for mine, other in zip(ours, plane(make, column).batch_filter(zs.filled(NAN)), strict=True):
+            np.testing.assert_array_equal(mine, other)
+
+
+@pytest.mark.contract(37, better=True)
+@pytest.mark.parametrize("steps", [0, 30])
+@pytest.mark.parametrize("name", ["F", "H", "Q", "R", "B", "P", "x", "M"])
+def test_a_mask_means_nothing_elsewhere(make, column, rng, name, steps):
+    f = plane(make, column)
+    run(f, walk(rng, steps, 2))
+    f.B = np.ones((4, 1))
+    shape = np.shape(getattr(f, name))
+    masked = np.ma.array(np.ones(shape), mask=np.eye(*(*shape, 1)[:2], dtype=bool).reshape(shape))
+    before = getattr(f, name).copy()
+    with pytest.raises(NonFiniteError, match=f"{name} must have no masked entries, .*, got"):
+        setattr(f, name, masked)
+    np.testing.assert_array_equal(getattr(f, name), before)
+    plain = np.ma.array(before)
+    setattr(f, name, plain)
+    run(f, walk(rng, 9, 2))
+    np.testing.assert_array_equal(np.asarray(getattr(f, name)).shape, shape)
+
+
+@pytest.mark.contract(37, better=True)
+@pytest.mark.parametrize("steps", [0, 30])
+def test_a_mask_means_nothing_in_an_argument_of_a_verb(make, column, rng, steps):
+    f = plane(make, column)
+    f.B = np.ones((4, 1))
+    run(f, walk(rng, steps, 2))
+    for name, shape in {"u": (1,), "B": (4, 1), "F": (4, 4), "Q": (4, 4)}.items():
+        given = {"u": [1.0]} | {name: np.ma.array(np.ones(shape), mask=True)}
+        with pytest.raises(NonFiniteError, match=f"{name} must have no masked entries"):
+            f.predict(**given)
+    f.predict()
+    for name, shape in {"H": (2, 4), "R": (2, 2)}.items():
+        with pytest.raises(NonFiniteError, match=f"{name} must have no masked entries"):
+            f.update([1.0, 2.0], **{name: np.ma.array(np.ones(shape), mask=True)})
+
+
+@pytest.mark.contract(37, better=True)
+def test_edits_of_a_masked_array_that_was_assigned_count(make, column, rng):
+    f, twin = plane(make, column), plane(make, column)
+    F = np.ma.array(f.F.copy())
+    f.F = F
+    for n, z in enumerate(walk(rng, 40, 2)):
+        if n == 20:
+            F[0, 1] = 2.0
+            twin.F = np.array(F)
+        run(f, [z])
+        run(twin, [z])
+        np.testing.assert_array_equal(f.x, twin.x)

@@ -10,7 +10,7 @@ from ufirext import ShapeError, UfirextError, filter_series, kinematic, series_p
 from ufirext.distributed import BeyondOverlap
 from ufirext.distributed import filter_dataarray as named
 from ufirext.distributed import filter_series as lazily
-from ufirext.errors import HorizonError
+from ufirext.errors import HorizonError, NonFiniteError
 
 da = pytest.importorskip("dask.array")
 PLANE = MODELS["plane"]
@@ -145,6 +145,16 @@ def test_a_memory_mapped_series(tmp_path):
     np.save(tmp_path / "z.npy", zs)
     mapped = np.load(tmp_path / "z.npy", mmap_mode="r")
     same(lazily(PLANE, mapped, 25, chunks=300).x.compute(), filter_series(PLANE, zs, 25).x)
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_masked_entries_are_missing(chunked):
+    zs = np.ma.array(measured(300), mask=np.random.default_rng(1).random((300, 2)) < 0.1)
+    expected = filter_series(PLANE, zs.filled(np.nan), 9).x
+    same(lazily(PLANE, da.from_array(zs, chunks=150) if chunked else zs, 9, chunks=150).x.compute(), expected)
+    delays = np.ma.array(np.zeros(300, int), mask=np.arange(300) == 200)
+    with pytest.raises(NonFiniteError, match="delays must have no masked entries"):
+        lazily(PLANE, zs, 9, delays=da.from_array(delays) if chunked else delays, longest_delay=2).x.compute()
 
 
 def test_refusals():

@@ -243,6 +243,21 @@ def test_arrays_of_any_layout_and_lists_are_the_same_measurements():
             np.testing.assert_array_equal(X, first)
 
 
+@pytest.mark.parametrize("dtype", [float, np.float32, int])
+def test_masked_entries_are_missing(dtype):
+    traffic = Traffic(PLANE, 3, 30, lost=0.2, component=0.2)
+    masked, marked = Fleet(PLANE, 5, 3), Fleet(PLANE, 5, 3)
+    for n, Z in enumerate(traffic.Z):
+        hidden = np.isnan(Z)
+        values = np.where(hidden, 7.0, Z).astype(dtype)
+        rows = np.ma.array(values, mask=hidden)
+        X = masked.step(list(rows) if n % 2 and dtype is not np.float32 else rows)
+        np.testing.assert_array_equal(X, marked.step(np.where(hidden, np.nan, values)))
+    assert X.dtype == (np.float32 if dtype is np.float32 else float)
+    with pytest.raises(NonFiniteError, match="delay must have no masked entries"):
+        masked.step(values, np.ma.array([0, 1, 0], mask=[0, 1, 0]))
+
+
 def test_what_step_returns_is_the_callers_own():
     traffic = Traffic(PLANE, 3, 30, lost=0.3)
     spoiled, clean = Fleet(PLANE, 5, 3), Fleet(PLANE, 5, 3)

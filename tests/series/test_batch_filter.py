@@ -56,6 +56,16 @@ def test_the_fast_way_gives_the_numbers_of_the_loop(name, form):
     np.testing.assert_allclose(quick.y, slow.y, rtol=0, atol=1e-11 * np.abs(slow.x).max())
 
 
+def test_masked_measurements_stream():
+    model = MODELS["plane"]
+    quick, slow = filters(model, 20)
+    zs = np.ma.array(series(model))
+    zs[1000:1003, 1] = np.ma.masked
+    ours, theirs = quick.batch_filter(zs), slow.batch_filter(zs.filled(np.nan))
+    for mine, other in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=0, atol=1e-13 * np.abs(other).max())
+
+
 def test_the_fast_way_is_taken_only_where_it_is_exact():
     model = MODELS["velocity"]
     zs, nothing = series(model), [None] * 6

@@ -299,6 +299,21 @@ def test_plans_are_shared_and_say_what_they_do():
         ({"Fs": np.zeros((2, 4, 4))}, ShapeError, r"Fs must have shape \(3, 4, 4\) \(T, dim_x, dim_x\)"),
         ({"Rs": [np.diag([1.0, -1.0])] * 3}, ValueError, r"Rs\[0\] must be positive semidefinite"),
         (
+            {"delays": np.ma.array([0, 1, 0], mask=[0, 1, 0])},
+            NonFiniteError,
+            "delays must have no masked entries",
+        ),
+        (
+            {"Fs": np.ma.array(np.zeros((3, 4, 4)), mask=True)},
+            NonFiniteError,
+            "Fs must have no masked entries",
+        ),
+        (
+            {"prior": (np.ma.array(np.zeros(4), mask=[1, 0, 0, 0]), np.eye(4))},
+            NonFiniteError,
+            r"prior\[0\] \(x\) must have no masked entries",
+        ),
+        (
             {"engine": "toeplitz", "delays": [0, 1, 0]},
             UfirextError,
             'engine="toeplitz" needs a constant model',

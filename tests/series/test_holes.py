@@ -124,6 +124,20 @@ def test_none_in_a_list_is_a_hole():
     np.testing.assert_array_equal(filter_series(model, zs, 4).x, filter_series(model, nan, 4).x)
 
 
+def test_masked_entries_are_holes():
+    model, rng = MODELS["plane"], np.random.default_rng(2)
+    zs = measured(model, 60)
+    masked = np.ma.array(zs, mask=rng.random(zs.shape) < 0.3)
+    expected = filter_series(model, masked.filled(np.nan), 8)
+    rows = [np.ma.masked if row.mask.all() else row for row in masked]
+    for series in (masked, rows, masked[None], np.ma.array(zs)):
+        if series is not rows and not np.ma.is_masked(series):
+            expected = filter_series(model, zs, 8)
+        found = filter_series(model, series, 8)
+        np.testing.assert_array_equal(found.x.reshape(60, -1), expected.x)
+        np.testing.assert_array_equal(found.P.reshape(expected.P.shape), expected.P)
+
+
 def test_after_a_very_long_gap_nothing_is_known():
     model, zs = kinematic(1, 1, 0.1), measured(kinematic(1, 1, 0.1), 400)
     zs[40:330] = np.nan

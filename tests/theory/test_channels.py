@@ -148,6 +148,12 @@ def test_a_stamped_channel_delivers_every_measurement_at_most_once_with_its_true
     assert len(packets) / 2000 == pytest.approx(0.9, abs=5 * 0.3 / np.sqrt(2000))
 
 
+def test_a_masked_measurement_is_sent_as_a_missing_one():
+    zs = np.ma.array([[1.0, 2.0], [3.0, 4.0]], mask=[[False, True], [False, False]])
+    (first,), (second,) = TimeStamped(0).sample(np.random.default_rng(0), zs)
+    np.testing.assert_array_equal([first.z, second.z], zs.filled(np.nan))
+
+
 def test_stamped_loss_repeats_measurements_with_the_same_noise():
     zs = np.random.default_rng(1).normal(size=400)
     arrived = StampedLoss(on_time=0.6, received=0.8).sample(np.random.default_rng(2), zs)

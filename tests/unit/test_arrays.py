@@ -16,6 +16,7 @@ from ufirext._arrays import (
     finite,
     integer,
     matrix,
+    readings,
     readonly,
     real,
     square,
@@ -39,6 +40,34 @@ def test_real_never_shares_memory_with_the_caller():
 def test_real_refuses_what_is_no_array_of_real_numbers(value):
     with pytest.raises(ShapeError, match="A must be an array of real numbers, got"):
         real(value, "A")
+
+
+MASKED = [
+    (np.ma.array([1.0, 9.9], mask=[False, True]), [1.0, np.nan]),
+    (np.ma.array([1, 9], mask=[False, True]), [1.0, np.nan]),
+    (np.ma.array([1.5, 9.9], mask=[False, True], dtype=np.float32), [1.5, np.nan]),
+    (np.ma.array([1, None], mask=[True, False], dtype=object), [np.nan, np.nan]),
+    ([1.0, np.ma.masked], [1.0, np.nan]),
+    ([[1.0, np.ma.masked], (2.0, 3.0)], [[1.0, np.nan], [2.0, 3.0]]),
+    ([np.ma.array([1.0, 2.0], mask=[True, False]), [3, 4]], [[np.nan, 2.0], [3.0, 4.0]]),
+    (np.ma.masked, np.nan),
+]
+
+
+@pytest.mark.parametrize(("value", "expected"), MASKED)
+def test_a_masked_entry_is_missing_among_measurements_and_refused_elsewhere(value, expected):
+    np.testing.assert_array_equal(readings(value, "z"), expected)
+    assert type(readings(value, "z")) is np.ndarray
+    with pytest.raises(NonFiniteError, match="A must have no masked entries, whose numbers mean nothing"):
+        real(value, "A")
+
+
+def test_a_masked_array_without_masked_entries_is_its_data():
+    mine = np.ma.array([[1.0, 2.0]], mask=False)
+    for array in (real(mine, "A"), readings(mine, "A"), real([mine[0]], "A")):
+        np.testing.assert_array_equal(array, [[1.0, 2.0]])
+        assert type(array) is np.ndarray
+        assert not np.shares_memory(array, mine)
 
 
 def test_finite_says_where_it_is_not():

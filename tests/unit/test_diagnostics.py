@@ -57,6 +57,7 @@ def test_normalised_squares_do_not_depend_on_units():
 def test_missing_components_and_values_are_left_out():
     S = np.array([[4.0, 1.0], [1.0, 9.0]])
     assert nis([2.0, np.nan], S) == pytest.approx(1.0)
+    assert nis(np.ma.array([2.0, 5.0], mask=[False, True]), S) == pytest.approx(1.0)
     assert np.isnan(nis([np.nan, np.nan], S))
     result = consistency([1.0, np.nan, 3.0], dof=2)
     assert (result.mean, result.count) == (2.0, 2)

@@ -76,6 +76,16 @@ def test_missing_components_are_left_out_each_for_itself():
     assert 4 <= best_horizon(model, zs) <= 200
 
 
+def test_masked_measurements_are_missing():
+    zs = np.ma.array(ramp_data(400), mask=np.arange(400) % 3 == 0)
+    assert best_horizon(RAMP, zs) == best_horizon(RAMP, zs.filled(np.nan)) != best_horizon(RAMP, zs.filled(0))
+    bank, twin = HorizonBank((4, 8, 16)), HorizonBank((4, 8, 16))
+    for _ in range(20):
+        bank.score(np.ma.array([3.0, 2.0, 0.0], mask=[0, 0, 1]))
+        twin.score([3.0, 2.0, np.nan])
+    assert bank.best == twin.best == 8
+
+
 def test_with_correlated_noise_a_broken_row_is_left_out_whole():
     model = kinematic(1, 2, 1.0, q=0.01).replace(R=[[1.0, 0.5], [0.5, 1.0]])
     zs = np.column_stack([ramp_data(400, 1), ramp_data(400, 2)])

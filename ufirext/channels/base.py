@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, column, covariance, integer, real
+from .._arrays import Array, column, covariance, integer, readings, real
 from ..errors import HorizonError, ShapeError, UfirextError
 from ..model import Model
 from .effective import Effective, Step
@@ -34,7 +34,7 @@ def probability(value: float, name: str) -> float:
 
 
 def _series(zs: ArrayLike) -> Array:
-    array = real(zs, "zs")
+    array = readings(zs, "zs")
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[:, :, 0]
     if array.ndim == 1:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import covariance, real
+from .._arrays import covariance, readings
 from ..errors import NonFiniteError, UfirextError
 
 __all__ = ["Consistency", "consistency", "nees", "nis"]
@@ -75,7 +75,7 @@ def nees(error: ArrayLike, P: ArrayLike) -> float:
 
 
 def _normalised(vector: ArrayLike, cov: ArrayLike, name: str, cov_name: str) -> float:
-    flat = real(vector, name).reshape(-1)
+    flat = readings(vector, name).reshape(-1)
     if np.isinf(flat).any():
         raise NonFiniteError(f"{name} must be finite, got {flat}")
     cov = covariance(cov, len(flat), cov_name)
@@ -155,7 +155,7 @@ def consistency(values: ArrayLike, dof: int, level: float = 0.95) -> Consistency
     """
     from scipy.stats import chi2
 
-    flat = real(values, "values").reshape(-1)
+    flat = readings(values, "values").reshape(-1)
     flat = flat[~np.isnan(flat)]
     if not flat.size:
         raise UfirextError("values must hold at least one number, got none")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from .._arrays import integer
+from .._arrays import integer, real, unmasked, without_mask
 from ..errors import ShapeError, UfirextError
 from ..model import Model
 from .part import Task, checked, chunk_length
@@ -128,7 +129,10 @@ def filter_series(
         beyond=beyond,
     )
     series = _cut(series if many else series[None], task, chunks, isinstance(zs, da.Array))
-    extra = [None if a is None else _alongside(da, a, series, many) for a in (delays, us)]
+    extra = [
+        None if a is None else _alongside(da, a, name, series, many)
+        for name, a in (("delays", delays), ("us", us))
+    ]
     x = _mapped(da, task, series, extra)
     x = x if many else x[0]
     (*inner, _), alignment = series.chunks[1] or (0,), task.plan.alignment
@@ -146,7 +150,8 @@ def _dask() -> Any:
 
 
 def _as_lazy(da: Any, zs: Any, model: Model) -> Any:
-    array = zs if isinstance(zs, da.Array | np.ndarray) else np.asarray(zs, dtype=float)
+    plain = zs if isinstance(zs, da.Array) else unmasked(zs)[0]
+    array = plain if isinstance(plain, da.Array | np.ndarray) else real(plain, "zs")
     if array.ndim == 1 and model.dim_z == 1:
         array = array[:, None]
     if array.ndim not in (2, 3) or array.shape[-1] != model.dim_z:
@@ -174,15 +179,18 @@ def _cut(series: Any, task: Task, chunks: int | None, lazy: bool) -> Any:
     return series.rechunk({0: together, 1: lengths, 2: -1})
 
 
-def _alongside(da: Any, values: Any, series: Any, many: bool) -> Any:
+def _alongside(da: Any, values: Any, name: str, series: Any, many: bool) -> Any:
     """Delays (S, T) or inputs (S, T, dim_u) in the same parts as the series."""
-    array = values if isinstance(values, da.Array) else da.asarray(np.asarray(values))
+    if isinstance(values, da.Array):  # what follows may drop a mask
+        array = da.map_blocks(partial(without_mask, name=name), values, dtype=values.dtype)
+    else:
+        array = da.asarray(np.asarray(without_mask(values, name)))
     lead = series.shape[:2]
     if array.shape[:1] == lead[1:] and array.shape[:2] != lead:
         array = da.broadcast_to(array, (lead[0], *array.shape))
     if array.shape[:2] != lead or array.ndim > 3:
         wanted = lead if many else lead[1:]
-        raise ShapeError(f"delays and us must begin with the axes {wanted} of zs, got {tuple(values.shape)}")
+        raise ShapeError(f"{name} must begin with the axes {wanted} of zs, got {tuple(array.shape)}")
     return array.rechunk({0: series.chunks[0], 1: series.chunks[1], **({2: -1} if array.ndim == 3 else {})})
 
 
@@ -221,7 +229,7 @@ def _part(
     before = depth_of_parts if number else 0
     delays = given.get("delays")
     return task.run(
-        np.asarray(given["z"]),
+        np.asarray(unmasked(given["z"])[0]),
         starts[number],
         before,
         None if delays is None else np.asarray(delays)[..., 0],

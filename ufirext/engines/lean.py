@@ -15,6 +15,10 @@ from .._arrays import FLOAT, Array
 __all__ = ["Buffer", "Hands", "Intake", "Reading", "intake", "numbers", "reading"]
 
 ARRAY = np.ndarray
+# What is one number; float() takes text and masked entries for numbers as well.
+CODES = "?" + np.typecodes["AllInteger"] + np.typecodes["Float"]
+KINDS: tuple[type, ...] = (int, bool, *(type(np.zeros((), code)[()]) for code in CODES))
+NUMBERS: dict[type, Callable[[Any], float]] = dict.fromkeys(KINDS, float)
 Intake = Callable[[Any], bool]
 Reading = Callable[[], Array]
 Hands = tuple[Intake, tuple[Reading, Reading]]
@@ -51,12 +55,12 @@ def _intake_one(buffer: Buffer) -> Intake:
             if kind is ARRAY:
                 value = z.item() if z.ndim < 3 else np.inf
             else:
-                value = z if kind is float else float(z)
+                value = z if kind is float else NUMBERS[kind](z)
             if value - value != 0.0:
                 return False
             end = buffer.end
             cells[end] = value
-        except (AttributeError, TypeError, ValueError, OverflowError):
+        except (KeyError, OverflowError, ValueError, AttributeError, TypeError):
             return False
         end += 1
         buffer.end = end

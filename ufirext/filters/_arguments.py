@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, column, finite, integer, matrix, real
+from .._arrays import Array, column, finite, flat, integer, masked_constant, matrix, readings, real
 from ..errors import NonFiniteError, UfirextError
 
 if TYPE_CHECKING:
@@ -18,10 +18,12 @@ def measurement(z: ArrayLike | None, m: int) -> Array | None:
     """z as a flat (m,) array with NaN for missing components, None as None; infinity is refused."""
     if z is None:
         return None
-    flat = column(z, m, "z")
-    if not flat.dot(flat) < np.inf and np.isinf(flat).any():
-        raise NonFiniteError(f"z must be finite (NaN marks a missing component), got {flat}")
-    return flat
+    if z is masked_constant():
+        return np.full(m, np.nan)
+    array = flat(readings(z, "z"), m, "z")
+    if not array.dot(array) < np.inf and np.isinf(array).any():
+        raise NonFiniteError(f"z must be finite (NaN marks a missing component), got {array}")
+    return array
 
 
 def input_matrix(B: ArrayLike | None, n: int) -> Array:

@@ -63,6 +63,8 @@ class Live:
             self._value, self.raw = None, raw
             return True
         array = self.check(value)
+        if isinstance(value, np.ndarray):
+            value = np.asarray(value)  # a subclass such as a masked array is its data
         same = isinstance(value, np.ndarray) and value.dtype == float and value.shape == array.shape
         self.handed = value if same and value.flags.writeable else None
         raw = array.tobytes()

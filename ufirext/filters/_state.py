@@ -175,13 +175,14 @@ class FilterState(Touched):
     def assign_B(self, value: Any, dim_u: int) -> None:
         """The input matrix assigned from outside, None for no input."""
         self.touch()
-        self.B = None
+        live: Live | None = None
         if value is not None:
             check = Inputs((self.dim_x, dim_u))
-            self.B = Live(check(value), check)
-            self.B.assign(value)
-            if self.B.handed is not None:
-                self.watch()
+            live = Live(check(value), check)
+            live.assign(value)
+        self.B = live
+        if live is not None and live.handed is not None:
+            self.watch()
 
     def look(self) -> FilterState:
         """The state with every field worked out."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._arrays import Array, real
+from .._arrays import Array, readings
 from ..engines.covariance import Covariance
 from ._state import FilterState
 
@@ -73,7 +73,7 @@ class SteadyState(FilterState):
         if z.__class__ is not np.ndarray or z.dtype != float:
             if z is None:
                 return False
-            z = real(z, "z")
+            z = readings(z, "z")
         if z.size != len(steady.H) or (z.ndim == 2 and 1 not in z.shape) or z.ndim > 2:
             return False
         flat = z.ravel()

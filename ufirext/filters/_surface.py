@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, covariance, integer, matrix, real
+from .._arrays import Array, covariance, integer, matrix, readings, real
 from ..errors import ShapeError
 from ._arguments import measurement
 from ._attributes import Attributes
@@ -143,7 +143,7 @@ class FilterSurface(Attributes):
         """Take the components start, start + 1, .. of a measurement on their own."""
         state = self._state
         state.settle()
-        values = real(z_i, "z_i").reshape(-1)
+        values = readings(z_i, "z_i").reshape(-1)
         start = integer(start, "start", 0, self.dim_z - 1)
         stop = start + len(values)
         if not 1 <= len(values) <= self.dim_z - start:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._array_api import Space, is_native
-from .._arrays import Array, integer
+from .._arrays import Array, integer, without_mask
 from ..errors import HorizonError, ShapeError, UfirextError
 from ..horizon import best_horizon, check_horizon
 from ..model import Model
@@ -139,7 +139,7 @@ class Fleet:
     def _delays(self, space: Space, delay: Any) -> np.ndarray[Any, Any] | None:
         if delay is None:
             return None
-        ages = np.asarray(delay if is_native(delay) else space.host(delay))
+        ages = np.asarray(without_mask(delay, "delay") if is_native(delay) else space.host(delay))
         if ages.dtype.kind not in "iu" or ages.shape not in ((), (self.tracks,)):
             raise HorizonError(
                 f"delay must be an integer or ({self.tracks},) integers, one a track, got {ages.dtype} "
@@ -173,7 +173,7 @@ class Fleet:
         self._engine.leave(self._slots(slots))
 
     def _slots(self, slots: Any) -> np.ndarray[Any, Any]:
-        found = np.atleast_1d(np.asarray(slots))
+        found = np.atleast_1d(np.asarray(without_mask(slots, "slots")))
         if found.size == 0:
             return np.zeros(0, np.int64)
         if found.dtype.kind not in "iu" or found.ndim != 1:

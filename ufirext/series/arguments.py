@@ -9,7 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, check_covariance, covariance, finite, matrix, real
+from .._arrays import (
+    Array,
+    check_covariance,
+    covariance,
+    finite,
+    masked_constant,
+    matrix,
+    readings,
+    real,
+    unmasked,
+    without_mask,
+)
 from ..errors import HorizonError, NonFiniteError, ShapeError, UfirextError
 from ..model import Model
 
@@ -31,10 +42,8 @@ LOOKED_AT = 65_536
 
 def as_series(zs: Any, dim_z: int) -> tuple[Array, bool]:
     """Measurements as (S, T, dim_z), not copied where they are numbers already, and whether S was given."""
-    if isinstance(zs, np.ndarray) and zs.dtype.kind in "fiu":
-        array = zs
-    else:
-        array = real(_without_none(zs, dim_z), "zs")
+    zs, _ = unmasked(_without_none(zs, dim_z))
+    array = zs if isinstance(zs, np.ndarray) and zs.dtype.kind in "fiu" else real(zs, "zs")
     if array.ndim == 1 and (dim_z == 1 or not len(array)):
         array = array.reshape(-1, dim_z)
     if array.ndim not in (2, 3) or array.shape[-1] != dim_z:
@@ -52,11 +61,12 @@ def as_series(zs: Any, dim_z: int) -> tuple[Array, bool]:
 
 
 def _without_none(zs: Any, dim_z: int) -> Any:
-    """A list in which None stands for a measurement that is missing: NaN in its place."""
-    if not isinstance(zs, Sequence) or isinstance(zs, str) or not any(z is None for z in zs):
+    """A list in which None or numpy.ma.masked stands for a measurement that is missing: NaN in its place."""
+    masked = masked_constant()
+    if not isinstance(zs, Sequence) or isinstance(zs, str) or not any(z is None or z is masked for z in zs):
         return zs
     lost = np.full(dim_z, np.nan)
-    return [lost if z is None else np.reshape(np.asarray(z, dtype=float), -1) for z in zs]
+    return [lost if z is None or z is masked else readings(z, "zs").reshape(-1) for z in zs]
 
 
 def holes(z: Array) -> NDArray[np.bool_]:
@@ -113,7 +123,7 @@ def as_delays(delays: ArrayLike | None, shape: tuple[int, int]) -> NDArray[np.in
     """Delays in steps as (S, T); None where all are zero."""
     if delays is None:
         return None
-    array = np.asarray(delays)
+    array = np.asarray(without_mask(delays, "delays"))
     if array.dtype.kind not in "iu":
         raise HorizonError(
             f"delays must be integers (steps from a state to its measurement), got {delays!r:.60}"
@@ -139,7 +149,7 @@ def as_per_step(given: Mapping[str, ArrayLike | None], model: Model, steps: int)
         if not isinstance(values, np.ndarray):
             filled = [getattr(model, name) if value is None else value for value in filled]
         wanted = (steps, *shapes[name])
-        if isinstance(values, np.ndarray) and values.dtype == float and values.shape == wanted:
+        if values.__class__ is np.ndarray and values.dtype == float and values.shape == wanted:
             found = finite(values, f"{name}s")
         else:
             found = matrix(filled, wanted, f"{name}s", f"(T, {', '.join(_SIZES[name])})")

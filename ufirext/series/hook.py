@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import Array, readings
 from ..errors import UfirextError
 from .constant import convolved
 from .plan import series_plan
@@ -70,8 +70,8 @@ def _plain(f: Any, zs: Any, per_step: Sequence[Any]) -> Array | None:
     if not f._plain or any(values is not None for values in per_step):
         return None
     try:
-        z = np.asarray(zs, dtype=float)
-    except (TypeError, ValueError):
+        z = zs if zs.__class__ is np.ndarray and zs.dtype == float else readings(zs, "zs")
+    except ValueError:
         return None
     shapes = {(f.dim_z,), (f.dim_z, 1), *([()] if f.dim_z == 1 else [])}
     if not len(z) or z.shape[1:] not in shapes or not np.isfinite(np.vdot(z, z)):
