@@ -188,6 +188,35 @@ def test_every_row_left_out_can_be_listed(drive, tmp_path):
     assert listed["line"].tolist() == list(range(6, 46, 4))
 
 
+@pytest.mark.parametrize("name", ["ufir", "fms", "kalman"])
+def test_rows_too_late_for_the_filter_are_left_out_and_listed(late, tmp_path, name):
+    source = pd.read_csv(late)
+    source.loc[[100, 130], "delay_steps"] = [5000, 700]
+    source.to_csv(late, index=False)
+    result = invoke("track", late, "--filter", name, "--left-out", tmp_path / "left.csv")
+    assert result.exit_code == 0, result.output
+    listed = pd.read_csv(tmp_path / "left.csv")
+    assert {102, 132} <= set(listed["line"])
+    assert set(listed["fault"]) == {"too late for the filter, or from before its start"}
+    assert listed.set_index("line")["found"][102] == "5000 steps old on arrival"
+    assert f"{len(source)}; {len(source) - len(listed)} used" in result.output
+    # the first row to arrive is late: a filter without a window cannot go back to before its start
+    assert len(listed) == (3 if name == "kalman" else 2)
+
+
+def test_a_delay_in_milliseconds_is_no_delay_in_seconds(late, tmp_path):
+    source = pd.read_csv(late)
+    source = source.assign(delay_ms=1000 * source.pop("delay_steps"))
+    source.to_csv(tmp_path / "ms.csv", index=False)
+    results = [invoke("track", late), invoke("track", tmp_path / "ms.csv")]
+    errors = [
+        next(line for line in each.output.splitlines() if line.startswith("RMSE to truth"))
+        for each in results
+    ]
+    assert errors[0] == errors[1]
+    assert "delay_ms from ms to s" in results[1].output
+
+
 UNUSABLE = {
     "empty": "",
     "header only": "t,x,y\n",
@@ -311,7 +340,7 @@ def test_a_row_with_an_impossible_delay_is_left_out_and_reported(late, name, bad
         ("--lag", "-1"),
         ("--sigma", "0"),
         ("--sigma", "nan"),
-        ("--delay-unit", "ms"),
+        ("--delay-unit", "weeks"),
         ("--filter", "ekf"),
         ("--filter", "kalman", "--horizon", "8"),
         ("--filter", "hinf", "--horizon", "8"),

@@ -6,13 +6,15 @@ import re
 from collections.abc import Mapping, Sequence
 
 from .series import UnusableTrack
+from .units import BASE, other_quantity, split_unit
 
-__all__ = ["ROLES", "Columns", "find_columns", "normalised"]
+__all__ = ["ROLES", "Columns", "find_columns", "normalised", "unused_delays"]
 
 Columns = dict[str, int]
 """Role -> index of its column."""
 
-# Spellings seen in the wild, lower case, words joined by "_"; the first that is present wins.
+# Spellings seen in the wild, lower case, words joined by "_"; the first that is present wins. Where none is,
+# one of them with another unit after it does: `t_ms`, `east_km`.
 _EAST = (
     "east_m",
     "east",
@@ -77,17 +79,6 @@ ROLES: dict[str, tuple[str, ...]] = {
             "elapsed",
             "elapsed_s",
         ),
-        *(
-            "t_ms",
-            "time_ms",
-            "timestamp_ms",
-            "t_us",
-            "time_us",
-            "timestamp_us",
-            "t_ns",
-            "time_ns",
-            "timestamp_ns",
-        ),
     ),
     "lat": _LAT,
     "lon": _LON,
@@ -115,21 +106,49 @@ def find_columns(header: Sequence[str], told: Mapping[str, str], path: object) -
     """
     names = [normalised(name) for name in header]
     found: Columns = {}
-    for role, spellings in ROLES.items():
-        wanted = (normalised(told[role]),) if role in told else spellings
-        for name in wanted:
-            if name and names.count(name) > 1:
-                raise UnusableTrack(f"{path}: two columns are named {name!r}; rename one")
-            if name in names:
-                found[role] = names.index(name)
-                break
-        else:
-            if role in told:
-                raise UnusableTrack(f"{path}: no column {told[role]!r} for {role}; it has {_listed(header)}")
+    for role in ROLES:
+        name = _told(role, told[role], names, header, path) if role in told else _usual(role, names)
+        if name is None:
+            continue
+        if names.count(name) > 1:
+            raise UnusableTrack(f"{path}: two columns are named {name!r}; rename one")
+        found[role] = names.index(name)
     if "time" not in found:
         raise UnusableTrack(f"{path}: no time column; it has {_listed(header)}; name it with --time")
     _require_positions(found, told, header, path)
     return found
+
+
+def _told(role: str, told: str, names: Sequence[str], header: Sequence[str], path: object) -> str:
+    """The column that was asked for; its name must not say that it holds something else."""
+    name, option = normalised(told), f"--{role.replace('_', '-')}"
+    if not name or name not in names:
+        raise UnusableTrack(f"{path}: no column {told!r} for {role}; it has {_listed(header)}")
+    if (unit := other_quantity(name, role)) is not None:
+        raise UnusableTrack(
+            f"{path}: {option} {told!r}: its name ends in {unit}; {option} takes {BASE[role]}, "
+            "or another unit of that kind at the end of the name"
+        )
+    return name
+
+
+def _usual(role: str, names: Sequence[str]) -> str | None:
+    """The column with a usual name, if there is one."""
+    bare = {split_unit(name, role)[0]: name for name in reversed(names)}
+    usual = (name for name in ROLES[role] if name in names)
+    return next(usual, next((bare[name] for name in ROLES[role] if name in bare), None))
+
+
+def unused_delays(header: Sequence[str], used: int | None) -> list[str]:
+    """Headings that look like a delay, of columns other than `used`."""
+    return [
+        name.strip()
+        for place, name in enumerate(header)
+        if place != used and _DELAY.match(normalised(name)) is not None
+    ]
+
+
+_DELAY = re.compile(r"delay|latenc|ages?(ms|us|ns)?(_|$)")
 
 
 def _require_positions(found: Columns, told: Mapping[str, str], header: Sequence[str], path: object) -> None:

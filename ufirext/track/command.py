@@ -21,7 +21,9 @@ from .report import show
 from .run import Estimates, run
 from .series import Progress, Track, silent
 from .summary import facts, summarise
+from .summary import left_out as rows_left_out
 from .timing import Timing, timing
+from .units import DELAY_UNITS
 from .writing import default_output, require_format, write_left_out, write_track
 
 __all__ = ["track"]
@@ -67,13 +69,13 @@ def track(
     lon: Annotated[str | None, _column("Longitude, degrees.")] = None,
     x: Annotated[str | None, _column("East, m.")] = None,
     y: Annotated[str | None, _column("North, m.")] = None,
-    delay: Annotated[str | None, _column("How old a row was on arrival: s, or steps if named so.")] = None,
+    delay: Annotated[str | None, _column("How old a row was on arrival: s, or as the name ends.")] = None,
     truth_x: Annotated[str | None, _column("True east, m.")] = None,
     truth_y: Annotated[str | None, _column("True north, m.")] = None,
     truth_lat: Annotated[str | None, _column("True latitude, degrees.")] = None,
     truth_lon: Annotated[str | None, _column("True longitude, degrees.")] = None,
     delay_unit: Annotated[
-        str, typer.Option(metavar="s|steps", help="Unit of delays; else by their name.")
+        str, typer.Option(metavar="s|ms|..|steps", help="Unit of delays; else by their name.")
     ] = "",
 ) -> None:
     """Filter a recorded track and say what was found.
@@ -86,8 +88,8 @@ def track(
     told = {role: name for role, name in columns.items() if name is not None}
     wish = Wish(order, _window(horizon), horizon == "adaptive", lag, sigma, filter_, density, theta)
     _check(wish)
-    if delay_unit not in ("", "s", "steps"):
-        _wrong(f"must be s or steps, got {delay_unit!r}", "--delay-unit")
+    if delay_unit not in ("", *DELAY_UNITS):
+        _wrong(f"must be one of {', '.join(DELAY_UNITS)}, got {delay_unit!r}", "--delay-unit")
     target = default_output(file) if output is None else output
     _check_targets(file, {"--output": target, "--plot": plot, "--left-out": left_out})
     try:
@@ -98,7 +100,7 @@ def track(
             write_track(target, recorded, result.estimates, progress)
         lines = result.lines(recorded)
         if left_out is not None:
-            write_left_out(left_out, recorded.left_out)
+            write_left_out(left_out, rows_left_out(recorded, result.estimates))
             lines.append(("written", f"{left_out} (rows left out)"))
         lines.append(("written", f"{target} (estimates)"))
         if plot is not None:

@@ -13,9 +13,10 @@ from typing import TextIO
 import numpy as np
 
 from .._arrays import Array
-from .columns import Columns, find_columns, normalised
+from .columns import Columns, find_columns, normalised, unused_delays
 from .series import Integers, LeftOut, Mask, Progress, UnusableTrack, silent
 from .stamps import Clock, numbers, past_midnight
+from .units import BASE, Unit, split_unit
 
 __all__ = ["Table", "read_table"]
 
@@ -39,6 +40,8 @@ class Table:
         Role -> heading of its column.
     rows_read : int
     left_out : list of LeftOut
+    age_unit : {"s", "steps"}
+    notes : list of str
     """
 
     columns: dict[str, Array]
@@ -47,6 +50,8 @@ class Table:
     names: dict[str, str]
     rows_read: int
     left_out: list[LeftOut]
+    age_unit: str = "s"
+    notes: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -57,11 +62,20 @@ class _Layout:
     columns: Columns
     names: dict[str, str]
     decimal_comma: bool
+    units: dict[str, Unit]
+    told: str = ""  # the role whose unit was told
     clock: Clock | None = None
     left_out: list[LeftOut] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def factor(self, role: str) -> float:
+        """What to multiply the numbers of a column by."""
+        return self.units[role].factor if role in self.units else 1.0
 
 
-def read_table(path: Path, told: Mapping[str, str], progress: Progress = silent) -> Table:
+def read_table(
+    path: Path, told: Mapping[str, str], progress: Progress = silent, *, delay_unit: str = ""
+) -> Table:
     """Read a table of delimited text whose first line names the columns.
 
     Comma, semicolon, tab or bar between the fields; decimal commas where the comma does not separate;
@@ -72,7 +86,7 @@ def read_table(path: Path, told: Mapping[str, str], progress: Progress = silent)
     blocks: list[tuple[dict[str, Array], Integers]] = []
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
         header, delimiter, first = _header(file, path)
-        layout = _layout(header, delimiter, told, path)
+        layout = _layout(header, delimiter, told, path, delay_unit)
         rows = _rows(file, delimiter, first)
         rows_read = 0
         while block := list(islice(rows, _BLOCK)):
@@ -92,6 +106,8 @@ def read_table(path: Path, told: Mapping[str, str], progress: Progress = silent)
         layout.names,
         rows_read,
         layout.left_out,
+        "steps" if "delay" in layout.units and layout.units["delay"].name == "steps" else "s",
+        layout.notes + _converted(layout, clock),
     )
 
 
@@ -134,10 +150,36 @@ def _header(file: TextIO, path: Path) -> tuple[list[str], str, int]:
     return header, delimiter, number
 
 
-def _layout(header: list[str], delimiter: str, told: Mapping[str, str], path: Path) -> _Layout:
+def _layout(
+    header: list[str], delimiter: str, told: Mapping[str, str], path: Path, delay_unit: str
+) -> _Layout:
     columns = find_columns(header, told, path)
     names = {role: normalised(header[place]) for role, place in columns.items()}
-    return _Layout(len(header), columns, names, decimal_comma=delimiter != ",")
+    units = {role: unit for role, name in names.items() if (unit := split_unit(name, role)[1]) is not None}
+    layout = _Layout(len(header), columns, names, delimiter != ",", units)
+    if delay_unit and "delay" in columns and (unit := split_unit(delay_unit, "delay")[1]) is not None:
+        units["delay"], layout.told = unit, "delay"
+    layout.notes += [
+        f"the column {name!r} looks like a delay and was not used; if it is one, name it with --delay, and "
+        "its unit with --delay-unit"
+        for name in unused_delays(header, columns.get("delay"))
+    ]
+    return layout
+
+
+def _converted(layout: _Layout, clock: Clock) -> list[str]:
+    """A note of the columns whose unit is another one than that in which values are kept."""
+    groups: dict[str, dict[tuple[str, str], list[str]]] = {}
+    for role, unit in layout.units.items():
+        if unit.factor != 1.0 and (role != "time" or clock.kind == "number"):
+            why = "told" if role == layout.told else "the names say"
+            alike = groups.setdefault(why, {}).setdefault((unit.name, BASE[role]), [])
+            alike.append(layout.names[role])
+    return [
+        f"converted, as {why}: "
+        + "; ".join(f"{' and '.join(names)} from {unit} to {base}" for (unit, base), names in each.items())
+        for why, each in groups.items()
+    ]
 
 
 def _rows(file: TextIO, delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
@@ -170,7 +212,11 @@ def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[s
     if layout.clock is None and whole:
         layout.clock = Clock.recognised(texts["time"], layout.names["time"], layout.decimal_comma)
     clock = layout.clock or Clock("number")
-    values = {role: numbers(each, layout.decimal_comma) for role, each in texts.items() if role != "time"}
+    values = {
+        role: numbers(each, layout.decimal_comma) * layout.factor(role)
+        for role, each in texts.items()
+        if role != "time"
+    }
     values["time"] = clock.seconds(texts["time"], layout.decimal_comma)
     lines = np.array([line for line, _ in whole], dtype=int)
     good = _checked(values, texts, lines, layout)

@@ -39,10 +39,11 @@ def read_track(
         A GPX file by its suffix or its first bytes, else a table of delimited text with named columns.
     columns : mapping, optional
         Names of columns where they should not be found by their usual names: the keys "time", "x", "y",
-        "lat", "lon", "delay", "truth_x", "truth_y", "truth_lat", "truth_lon".
+        "lat", "lon", "delay", "truth_x", "truth_y", "truth_lat", "truth_lon". A name that ends in a unit
+        (t_ms, east_km, lat_rad) is heeded: values are converted, and a note says so.
     progress : Progress, optional
-    delay_unit : {"", "s", "steps"}
-        Unit of the delay column; "" reads it off the name, seconds unless that ends in "steps".
+    delay_unit : {"", "s", "ms", "us", "ns", "min", "h", "steps"}
+        Unit of the delay column; "" reads it off the end of the name, seconds where that says none.
 
     Returns
     -------
@@ -59,10 +60,9 @@ def read_track(
         if _is_gpx(path):
             parts = _from_gpx(path)
         else:
-            parts = _from_table(read_table(path, columns or {}, progress), path)
+            parts = _from_table(read_table(path, columns or {}, progress, delay_unit=delay_unit), path)
     except OSError as error:
         raise UnusableTrack(f"{path}: {error.strerror or error}") from error
-    parts.age_unit = delay_unit or parts.age_unit
     return _ordered(path, parts)
 
 
@@ -141,7 +141,7 @@ def _from_table(table: Table, path: Path) -> _Parts:
     _require_rows(len(table.lines), path, table.rows_read, table.left_out, "line")
     latlon, plane = _pair(values, "lat", "lon"), _pair(values, "x", "y")
     frame = None if latlon is None else _frame(latlon)
-    notes: list[str] = []
+    notes = list(table.notes)
     if plane is not None and latlon is not None:
         # columns in metres win where both say the same: truth, if any, is in their frame
         common = LocalFrame.through(latlon[0], plane[0])
@@ -168,7 +168,7 @@ def _from_table(table: Table, path: Path) -> _Parts:
         rows_read=table.rows_read,
         left_out=table.left_out,
         age=values.get("delay"),
-        age_unit="steps" if table.names.get("delay", "").endswith("steps") else "s",
+        age_unit=table.age_unit,
         truth=truth,
         notes=notes + truth_notes,
     )

@@ -84,8 +84,9 @@ class Estimates:
         Whether a whole window lies behind the row.
     starts : ndarray of int
         Rows at which the filter started afresh.
-    dropped : int
-        Late rows that came too late for the window, or were measured before the first one.
+    late : ndarray of bool, (n,)
+        Rows that came too late for the window, or were measured before the first one: not used; their
+        estimate is that of the others at the time of their arrival.
     theta : tuple of float or None
         Smallest and largest theta of an H-infinity filter, and its smallest limit, 1/m^2.
     """
@@ -98,7 +99,7 @@ class Estimates:
     ready: Mask
     settled: Mask
     starts: Integers
-    dropped: int = 0
+    late: Mask
     theta: tuple[float, float, float] | None = None
 
     @property
@@ -147,21 +148,20 @@ def run(
     stretches = pieces(axis, motion.horizon)
     out = _blank(len(track), AXES * (motion.order + 1), [each.start for each in stretches])
     on_grid = axis.regular and track.age is None and motion.windowed
-    dropped, theta = 0, None
+    theta = None
     for rows in stretches:
         stretch = Stretch.of(track, axis, rows)
         if on_grid:
             filter_grid(stretch, motion, out, progress)
         else:
-            kf, late = filter_rows(stretch, motion, out, progress, spread=spread)
-            dropped += late
+            kf = filter_rows(stretch, motion, out, progress, spread=spread)
             theta = _wider(theta, kf) if motion.filter == "hinf" else None
         out.mean[rows, :: motion.order + 1] += track.position[rows.start]
     for state in range(out.mean.shape[1]):
         scale = axis.step ** (state % (motion.order + 1))
         out.mean[:, state] /= scale
         out.std[:, state] /= scale
-    return replace(out, dropped=dropped, theta=theta)
+    return replace(out, theta=theta)
 
 
 def _wider(theta: tuple[float, float, float] | None, kf: Any) -> tuple[float, float, float]:
@@ -187,4 +187,5 @@ def _blank(rows: int, states: int, starts: list[int]) -> Estimates:
         ready=np.zeros(rows, dtype=bool),
         settled=np.zeros(rows, dtype=bool),
         starts=np.array(starts, dtype=np.int64),
+        late=np.zeros(rows, dtype=bool),
     )

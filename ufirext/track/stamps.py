@@ -10,12 +10,12 @@ import pandas as pd
 
 from .._arrays import Array
 from .series import Mask
+from .units import split_unit
 
 __all__ = ["Clock", "in_order", "numbers", "past_midnight"]
 
 _SAMPLE = 1000  # stamps that tell how the others are written
 _DAY = 86_400.0  # s
-_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def numbers(texts: list[str], decimal_comma: bool = False) -> Array:
@@ -58,7 +58,8 @@ class Clock:
         if kind != "number" or counts["number"] == 0:
             return cls(kind, epoch=kind == "date")
         size = float(np.nanmedian(np.abs(plain)))
-        scale = _UNITS.get(name.rsplit("_", 1)[-1], 1.0)
+        unit = split_unit(name, "time")[1]
+        scale = 1.0 if unit is None else unit.factor
         if scale == 1.0 and not name.endswith("_s"):
             # seconds since 1970 stay below 1e11 for 3000 years; larger numbers count smaller units
             scale = 1e-9 if size > 1e17 else 1e-6 if size > 1e14 else 1e-3 if size > 1e11 else 1.0

@@ -126,8 +126,8 @@ def _flag(out: Estimates, stretch: Stretch, motion: Motion) -> None:
 
 def filter_rows(
     stretch: Stretch, motion: Motion, out: Estimates, progress: Progress, *, spread: bool = True
-) -> tuple[Any, int]:
-    """Rows off the grid and late rows, step by step; returns the filter and how many rows came too late."""
+) -> Any:
+    """Rows off the grid and late rows, step by step; marks those that came too late, returns the filter."""
     late = stretch.ages is not None
     delays, ahead = stretch.origins()
     kf = new_filter(motion, int(delays.max()))
@@ -136,17 +136,19 @@ def filter_rows(
     for offset, (steps, z) in enumerate(zip(stretch.steps.tolist(), stretch.measured, strict=True)):
         row = stretch.rows.start + offset
         walk.advance(steps if offset else 1.0, remember=late)
+        before = kf.dropped
         if not usable[offset]:
             walk.pass_over(row)
         elif late:
             walk.take_late(row, z, int(delays[offset]), float(ahead[offset]))
         else:
             walk.take(row, z)
+        out.late[row] = not usable[offset] or kf.dropped > before
         if offset % 1024 == 0 or row + 1 == stretch.rows.stop:
             progress("filtering", row + 1, len(out.nis))
     walk.finish()
     _flag(out, stretch, motion)
-    return kf, int(kf.dropped + np.count_nonzero(~usable))
+    return kf
 
 
 class _Walk:

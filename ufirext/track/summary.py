@@ -10,10 +10,10 @@ import numpy as np
 from .._arrays import Array
 from .motion import Choice
 from .run import Estimates, Motion
-from .series import Track
+from .series import LeftOut, Track
 from .timing import Timing
 
-__all__ = ["Summary", "duration", "facts", "summarise"]
+__all__ = ["Summary", "duration", "facts", "left_out", "summarise"]
 
 _FILTERS = {
     "ufir": "unbiased FIR",
@@ -112,8 +112,8 @@ def facts(
     """The lines of the table: a heading and what there is to say."""
     motion = choice.motion
     lines = [
-        ("rows read", f"{track.rows_read:,}; {len(track):,} used"),
-        *_left_out(track),
+        ("rows read", f"{track.rows_read:,}; {len(track) - int(estimates.late.sum()):,} used"),
+        *_left_out(track, left_out(track, estimates)),
         ("time", _time(track, axis)),
         ("gaps", _gaps(track, axis, estimates)),
         ("filter", _FILTERS[motion.filter]),
@@ -170,11 +170,26 @@ def _nis(motion: Motion, summary: Summary) -> str:
     return f"{summary.nis:.2f} ({expected})"
 
 
-def _left_out(track: Track, shown: int = 5) -> list[tuple[str, str]]:
-    if not track.left_out:
+def left_out(track: Track, estimates: Estimates) -> list[LeftOut]:
+    """The rows left out when the file was read, and those that came too late for the filter."""
+    unit = track.age_unit
+    late = [
+        LeftOut(
+            int(track.lines[row]),
+            "too late for the filter, or from before its start",
+            f"{track.age[row]:.6g} {unit} old on arrival",
+        )
+        for row in np.flatnonzero(estimates.late).tolist()
+        if track.age is not None
+    ]
+    return sorted(track.left_out + late)
+
+
+def _left_out(track: Track, rows: list[LeftOut], shown: int = 5) -> list[tuple[str, str]]:
+    if not rows:
         return [("left out", "none")]
     lines = []
-    ordered = sorted(track.left_out, key=lambda each: (each.fault, each.line))
+    ordered = sorted(rows, key=lambda each: (each.fault, each.line))
     for fault, group in groupby(ordered, key=lambda each: each.fault):
         rows = list(group)
         text = "; ".join(f"{track.counted} {row.line} ({row.found})" for row in rows[:shown])
@@ -204,4 +219,5 @@ def _gaps(track: Track, axis: Timing, estimates: Estimates) -> str:
 def _delays(track: Track, estimates: Estimates) -> str:
     ages = np.asarray(track.age)
     text = f"mean {ages.mean():.3g} {track.age_unit}, longest {ages.max():.3g} {track.age_unit}"
-    return f"{text}; {estimates.dropped} rows too late to be used" if estimates.dropped else text
+    late = int(estimates.late.sum())
+    return f"{text}; {late:,} rows too late to be used" if late else text
