@@ -80,6 +80,7 @@ ROLES: dict[str, tuple[str, ...]] = {
             "elapsed_s",
         ),
     ),
+    "date": ("date", "date_utc", "utc_date", "gps_date", "local_date"),
     "lat": _LAT,
     "lon": _LON,
     "x": _EAST,
@@ -115,6 +116,8 @@ def find_columns(header: Sequence[str], told: Mapping[str, str], path: object) -
         found[role] = names.index(name)
     if "time" not in found:
         raise UnusableTrack(f"{path}: no time column; it has {_listed(header)}; name it with --time")
+    if found.get("date") == found["time"]:
+        del found["date"]
     _require_positions(found, told, header, path)
     return found
 

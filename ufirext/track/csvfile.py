@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -14,8 +14,8 @@ import numpy as np
 
 from .._arrays import Array
 from .columns import Columns, find_columns, normalised, unused_delays
-from .series import Integers, LeftOut, Mask, Progress, UnusableTrack, silent
-from .stamps import Clock, numbers, past_midnight
+from .series import Integers, LeftOut, Mask, Progress, Texts, UnusableTrack, silent
+from .stamps import Clock, joined, leap_second, numbers, past_midnight, without_zone
 from .units import BASE, Unit, split_unit
 
 __all__ = ["Table", "read_table"]
@@ -35,22 +35,28 @@ class Table:
         Role -> values (n,); "time" in seconds.
     lines : ndarray, (n,)
         Line in the file, from 1.
+    stamps : ndarray, (n,)
+        The time of each row as the file writes it, UTF-8.
     clock : Clock
     names : dict
         Role -> heading of its column.
     rows_read : int
     left_out : list of LeftOut
     age_unit : {"s", "steps"}
+    zoneless : int
+        Rows whose stamp is a date without a zone.
     notes : list of str
     """
 
     columns: dict[str, Array]
     lines: Integers
+    stamps: Texts
     clock: Clock
     names: dict[str, str]
     rows_read: int
     left_out: list[LeftOut]
     age_unit: str = "s"
+    zoneless: int = 0
     notes: list[str] = field(default_factory=list)
 
 
@@ -65,6 +71,8 @@ class _Layout:
     units: dict[str, Unit]
     told: str = ""  # the role whose unit was told
     clock: Clock | None = None
+    dated: bool = False  # whether the dates of the times stand in a column of their own
+    zoneless: int = 0
     left_out: list[LeftOut] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -83,7 +91,7 @@ def read_table(
     """
     encoding = _encoding(path)
     size = max(path.stat().st_size, 1)
-    blocks: list[tuple[dict[str, Array], Integers]] = []
+    blocks: list[tuple[dict[str, Array], Integers, Texts]] = []
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
         header, delimiter, first = _header(file, path)
         layout = _layout(header, delimiter, told, path, delay_unit)
@@ -96,17 +104,20 @@ def read_table(
     if not rows_read:
         raise UnusableTrack(f"{path}: only a header, no rows")
     clock = layout.clock or Clock("number")
-    columns = {role: np.concatenate([each[role] for each, _ in blocks]) for role in layout.columns}
+    values, lines, stamps = zip(*blocks, strict=True)
+    columns = {role: np.concatenate([each[role] for each in values]) for role in values[0]}
     if clock.kind == "clock":
         columns["time"] = past_midnight(columns["time"])
     return Table(
         columns,
-        np.concatenate([lines for _, lines in blocks]),
+        np.concatenate(lines),
+        np.concatenate(stamps),
         clock,
         layout.names,
         rows_read,
         layout.left_out,
         "steps" if "delay" in layout.units and layout.units["delay"].name == "steps" else "s",
+        layout.zoneless,
         layout.notes + _converted(layout, clock),
     )
 
@@ -199,7 +210,7 @@ def _rows(file: TextIO, delimiter: str, before: int) -> Iterator[tuple[int, list
             yield number, []
 
 
-def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[str, Array], Integers]:
+def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[str, Array], Integers, Texts]:
     """The usable rows of a block as numbers; the others are noted in the layout."""
     whole = []
     for line, fields in block:
@@ -209,9 +220,7 @@ def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[s
         else:
             whole.append((line, fields))
     texts = {role: [fields[place].strip() for _, fields in whole] for role, place in layout.columns.items()}
-    if layout.clock is None and whole:
-        layout.clock = Clock.recognised(texts["time"], layout.names["time"], layout.decimal_comma)
-    clock = layout.clock or Clock("number")
+    clock = _clock(texts, layout)
     values = {
         role: numbers(each, layout.decimal_comma) * layout.factor(role)
         for role, each in texts.items()
@@ -220,7 +229,35 @@ def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[s
     values["time"] = clock.seconds(texts["time"], layout.decimal_comma)
     lines = np.array([line for line, _ in whole], dtype=int)
     good = _checked(values, texts, lines, layout)
-    return {role: each[good] for role, each in values.items()}, lines[good]
+    stamps = [texts["time"][row][:_LONGEST_STAMP] for row in np.flatnonzero(good).tolist()]
+    if clock.kind == "date":
+        layout.zoneless += sum(map(without_zone, stamps))
+    encoded = np.array([each.encode() for each in stamps], dtype=np.bytes_)
+    return {role: each[good] for role, each in values.items()}, lines[good], encoded
+
+
+def _clock(texts: dict[str, list[str]], layout: _Layout) -> Clock:
+    """How the stamps are written, as the first block tells; dates in a column of their own join the times."""
+    times, dates = texts["time"], texts.pop("date", None)
+    both = times if dates is None else joined(dates, times)
+    if layout.clock is None and times:
+        name = layout.names["time"]
+        layout.clock = Clock.recognised(times, name, layout.decimal_comma)
+        if dates is not None and layout.clock.kind != "date":
+            whole = Clock.recognised(both, name, layout.decimal_comma)
+            layout.dated = whole.kind == "date" and not (layout.clock.kind == "number" and layout.clock.known)
+            if layout.dated:
+                layout.clock = whole
+            else:
+                why = (
+                    "its dates are not ISO 8601 (2024-05-01)"
+                    if layout.clock.kind == "clock"
+                    else "the stamps are no times of day"
+                )
+                layout.notes.append(f"the column {layout.names['date']!r} was not used: {why}")
+    if layout.dated:
+        texts["time"] = both
+    return layout.clock or Clock("number")
 
 
 def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integers, layout: _Layout) -> Mask:
@@ -237,8 +274,10 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
     for role in measured:
         unknown = ~np.isfinite(values[role])
         if unknown.any():
-            empty = np.array([text.lower() in _NOTHING for text in texts[role]], dtype=bool)
-            refuse(unknown & empty, role, f"no {_LABEL[role]}")
+            refuse(unknown & _those(texts[role], _nothing), role, f"no {_LABEL[role]}")
+            if role == "time":
+                refuse(unknown & _those(texts[role], leap_second), role, _LEAP_FAULT)
+                refuse(unknown, role, (layout.clock or Clock("number")).fault)
             refuse(unknown, role, f"{_LABEL[role]} is not a number")
     for name, limit in _LIMITS.items():
         if name in values:
@@ -250,6 +289,16 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
     return good
 
 
+def _those(texts: list[str], what: Callable[[str], bool]) -> Mask:
+    return np.array([what(text) for text in texts], dtype=bool)
+
+
+def _nothing(text: str) -> bool:
+    return text.lower() in _NOTHING
+
+
+_LEAP_FAULT = "a leap second, which seconds since 1970 do not count"
+_LONGEST_STAMP = 40  # characters that are remembered
 _NOTHING = ("", "nan", "na", "n/a", "null", "none", "-")
 _LIMITS = {"time": _LATEST, "lat": 90.0, "lon": 360.0, "x": _FARTHEST, "y": _FARTHEST}
 _LABEL = {

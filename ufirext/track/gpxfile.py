@@ -11,7 +11,7 @@ import gpxpy.gpx
 import numpy as np
 
 from .._arrays import Array
-from .series import Integers, LeftOut, UnusableTrack
+from .series import Integers, LeftOut, Texts, UnusableTrack
 
 __all__ = ["read_gpx", "write_gpx"]
 
@@ -19,8 +19,8 @@ _NAMESPACE = "urn:ufirext:track:1"
 _START = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def read_gpx(path: Path) -> tuple[Array, Array, Integers, int, list[LeftOut]]:
-    """Seconds since 1970, degrees (n, 2), numbers of the points, how many there are, and those left out.
+def read_gpx(path: Path) -> tuple[Array, Array, Integers, Texts, int, list[LeftOut]]:
+    """Seconds since 1970, degrees (n, 2), points by number and stamp, how many there are, those left out.
 
     All tracks and segments, one after the other. Routes and waypoints have no time and are not read.
     """
@@ -34,6 +34,7 @@ def read_gpx(path: Path) -> tuple[Array, Array, Integers, int, list[LeftOut]]:
         raise UnusableTrack(f"{path}: no track points (found {found}, which carry no time)")
     left_out: list[LeftOut] = []
     kept: list[tuple[float, float, float, int]] = []
+    stamps: list[bytes] = []
     for number, point in enumerate(points, start=1):
         if point.time is None:
             left_out.append(LeftOut(number, "no time", "a point without a <time>"))
@@ -46,8 +47,10 @@ def read_gpx(path: Path) -> tuple[Array, Array, Integers, int, list[LeftOut]]:
         else:
             stamp = point.time if point.time.tzinfo is not None else point.time.replace(tzinfo=UTC)
             kept.append(((stamp - _START).total_seconds(), point.latitude, point.longitude, number))
+            stamps.append(stamp.isoformat().replace("+00:00", "Z").encode())
     table = np.array(kept, dtype=float).reshape(-1, 4)
-    return table[:, 0], table[:, 1:3], table[:, 3].astype(int), len(points), left_out
+    texts = np.array(stamps, dtype=np.bytes_)
+    return table[:, 0], table[:, 1:3], table[:, 3].astype(int), texts, len(points), left_out
 
 
 def write_gpx(path: Path, seconds: Array, latlon: Array, extras: dict[str, Array], breaks: Integers) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,8 @@ from .._arrays import Array
 from .csvfile import Table, read_table
 from .frame import LocalFrame
 from .gpxfile import read_gpx
-from .series import Integers, LeftOut, Mask, Progress, Track, UnusableTrack, silent
-from .stamps import in_order
+from .ordering import Parts, ordered
+from .series import LeftOut, Progress, Track, UnusableTrack, silent
 
 __all__ = ["read_track"]
 
@@ -63,33 +62,7 @@ def read_track(
             parts = _from_table(read_table(path, columns or {}, progress, delay_unit=delay_unit), path)
     except OSError as error:
         raise UnusableTrack(f"{path}: {error.strerror or error}") from error
-    return _ordered(path, parts)
-
-
-@dataclass
-class _Parts:
-    """A track before its rows are put in order."""
-
-    seconds: Array
-    position: Array
-    axes: tuple[str, str]
-    lines: Integers
-    frame: LocalFrame | None
-    epoch: bool
-    dates: bool
-    counted: str
-    rows_read: int
-    left_out: list[LeftOut]
-    age: Array | None = None
-    age_unit: str = "s"
-    truth: Array | None = None
-    notes: list[str] = field(default_factory=list)
-
-    def keep(self, rows: Mask | Integers) -> None:
-        """Reduce to `rows`, in their order."""
-        self.seconds, self.position, self.lines = self.seconds[rows], self.position[rows], self.lines[rows]
-        self.age = None if self.age is None else self.age[rows]
-        self.truth = None if self.truth is None else self.truth[rows]
+    return ordered(path, parts)
 
 
 def _require_file(path: Path) -> None:
@@ -116,15 +89,16 @@ def _require_rows(rows: int, path: Path, rows_read: int, left_out: list[LeftOut]
     )
 
 
-def _from_gpx(path: Path) -> _Parts:
-    seconds, latlon, lines, rows_read, left_out = read_gpx(path)
+def _from_gpx(path: Path) -> Parts:
+    seconds, latlon, lines, stamps, rows_read, left_out = read_gpx(path)
     _require_rows(len(seconds), path, rows_read, left_out, "point")
     frame = _frame(latlon)
-    parts = _Parts(
+    parts = Parts(
         seconds=seconds,
         position=frame.to_plane(latlon),
         axes=("east", "north"),
         lines=lines,
+        stamps=stamps,
         frame=frame,
         epoch=True,
         dates=True,
@@ -136,7 +110,7 @@ def _from_gpx(path: Path) -> _Parts:
     return parts
 
 
-def _from_table(table: Table, path: Path) -> _Parts:
+def _from_table(table: Table, path: Path) -> Parts:
     values = table.columns
     _require_rows(len(table.lines), path, table.rows_read, table.left_out, "line")
     latlon, plane = _pair(values, "lat", "lon"), _pair(values, "x", "y")
@@ -156,11 +130,13 @@ def _from_table(table: Table, path: Path) -> _Parts:
             raise UnusableTrack(f"{path}: no position columns")
         plane = frame.to_plane(latlon)
     truth, truth_notes = _truth(values, frame, metric)
-    parts = _Parts(
+    parts = Parts(
         seconds=values["time"],
         position=plane,
         axes=("x", "y") if frame is None and table.names["x"][0] in "xp" else ("east", "north"),
         lines=table.lines,
+        stamps=table.stamps,
+        zoneless=table.zoneless,
         frame=frame,
         epoch=table.clock.epoch,
         dates=table.clock.kind == "date",
@@ -188,7 +164,7 @@ def _frame(latlon: Array) -> LocalFrame:
     return LocalFrame(*latlon[near[0]].tolist())
 
 
-def _leave_out_far(parts: _Parts, latlon: Array) -> None:
+def _leave_out_far(parts: Parts, latlon: Array) -> None:
     """Rows too far from the others to share a plane with them, and a note where it is a wide one."""
     middle = LocalFrame(*latlon[len(latlon) // 2].tolist())
     distance = middle.distance(latlon)
@@ -220,59 +196,3 @@ def _truth(
     if latlon is not None:
         return None, ["truth in degrees was not used: the measured positions are in metres"]
     return None, []
-
-
-def _ordered(path: Path, parts: _Parts) -> Track:
-    """The track with its rows in order of time; the others join those left out."""
-    steps = np.diff(parts.seconds)
-    if (steps < 0).sum() > 2 * (steps > 0).sum():
-        parts.keep(np.arange(len(parts.seconds))[::-1])
-        parts.notes.append("the file runs backward in time; it was read from its end")
-    keep = in_order(parts.seconds, strictly=parts.age is None)
-    if parts.age is not None:
-        keep &= ~_repeats(np.column_stack([parts.seconds, parts.age, parts.position]))
-    left_out = parts.left_out + _disorder(parts.seconds, parts.lines, keep)
-    parts.keep(keep)
-    return Track(
-        path=path,
-        seconds=parts.seconds,
-        position=parts.position,
-        axes=parts.axes,
-        lines=parts.lines,
-        age=parts.age,
-        age_unit=parts.age_unit,
-        truth=parts.truth,
-        frame=parts.frame,
-        epoch=parts.epoch,
-        dates=parts.dates,
-        counted=parts.counted,
-        rows_read=parts.rows_read,
-        left_out=sorted(left_out),
-        notes=parts.notes,
-    )
-
-
-def _repeats(table: Array) -> Mask:
-    """Mask of the rows that say exactly what an earlier row said."""
-    _, first = np.unique(table, axis=0, return_index=True)
-    mask = np.ones(len(table), dtype=bool)
-    mask[first] = False
-    return mask
-
-
-def _disorder(seconds: Array, lines: Integers, keep: Mask) -> list[LeftOut]:
-    """Why the rows that are not kept are out of order."""
-    found: list[LeftOut] = []
-    newest = np.maximum.accumulate(np.where(keep, seconds, -np.inf))
-    for row in np.flatnonzero(~keep).tolist():
-        stamp, before = float(seconds[row]), float(newest[row])
-        line = int(lines[row])
-        if stamp == before:
-            found.append(LeftOut(line, "time repeats", f"{stamp:.15g} s, as the row before"))
-        elif stamp < before:
-            found.append(LeftOut(line, "time runs backward", f"{stamp:.15g} s after {before:.15g} s"))
-        else:
-            found.append(
-                LeftOut(line, "time leaps ahead", f"{stamp:.15g} s, later than the rows that follow")
-            )
-    return found

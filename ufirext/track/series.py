@@ -13,10 +13,11 @@ from .._arrays import Array
 from ..errors import UfirextError
 from .frame import LocalFrame
 
-__all__ = ["Integers", "LeftOut", "Mask", "Progress", "Track", "UnusableTrack", "silent"]
+__all__ = ["Integers", "LeftOut", "Mask", "Progress", "Texts", "Track", "UnusableTrack", "silent"]
 
 Mask = NDArray[np.bool_]
 Integers = NDArray[np.int64]
+Texts = NDArray[np.bytes_]
 
 
 class UnusableTrack(UfirextError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
@@ -12,10 +13,14 @@ from .._arrays import Array
 from .series import Mask
 from .units import split_unit
 
-__all__ = ["Clock", "in_order", "numbers", "past_midnight"]
+__all__ = ["Clock", "in_order", "joined", "leap_second", "numbers", "past_midnight", "without_zone"]
 
 _SAMPLE = 1000  # stamps that tell how the others are written
 _DAY = 86_400.0  # s
+_ISO = "ISO 8601 (2024-05-01T10:00:00Z)"
+_OF_DAY = "hours:minutes:seconds"
+_ZONE = re.compile(r"[T\s]\d{2}.*(Z|[+-]\d{2}(:?\d{2})?)\s*$", re.IGNORECASE)
+_LEAP = re.compile(r":60(\.\d*)?\s*(Z|[+-]\d{2}(:?\d{2})?)?\s*$", re.IGNORECASE)
 
 
 def numbers(texts: list[str], decimal_comma: bool = False) -> Array:
@@ -38,11 +43,14 @@ class Clock:
         Seconds per unit of a plain number.
     epoch : bool
         Whether the seconds count from 1970-01-01T00:00:00Z.
+    known : bool
+        Whether any stamp could be read.
     """
 
     kind: str
     scale: float = 1.0
     epoch: bool = False
+    known: bool = True
 
     @classmethod
     def recognised(cls, texts: list[str], name: str, decimal_comma: bool) -> Clock:
@@ -56,7 +64,7 @@ class Clock:
         }
         kind = max(counts, key=lambda each: counts[each])  # the first of equals
         if kind != "number" or counts["number"] == 0:
-            return cls(kind, epoch=kind == "date")
+            return cls(kind, epoch=kind == "date", known=bool(counts[kind]))
         size = float(np.nanmedian(np.abs(plain)))
         unit = split_unit(name, "time")[1]
         scale = 1.0 if unit is None else unit.factor
@@ -72,6 +80,33 @@ class Clock:
         if self.kind == "clock":
             return _clock_times(texts)
         return numbers(texts, decimal_comma) * self.scale
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with a stamp that cannot be read."""
+        if not self.known:
+            return f"time is neither a number, nor {_ISO}, nor {_OF_DAY}"
+        if self.kind == "number":
+            return "time is not a number"
+        return f"time is not {_ISO if self.kind == 'date' else _OF_DAY}, as the others are"
+
+
+def joined(dates: list[str], times: list[str]) -> list[str]:
+    """ISO 8601 of a date and a time of day; where one of them is missing, nothing or the time alone."""
+    return [
+        f"{date}T{'0' if time[1:2] == ':' else ''}{time}" if date and time else time
+        for date, time in zip(dates, times, strict=True)
+    ]
+
+
+def without_zone(text: str) -> bool:
+    """Whether a stamp in ISO 8601 leaves open how far it is from UTC."""
+    return _ZONE.search(text) is None
+
+
+def leap_second(text: str) -> bool:
+    """Whether a stamp is the 61st second of its minute."""
+    return _LEAP.search(text) is not None
 
 
 def _dates(texts: list[str]) -> Array:

@@ -37,9 +37,10 @@ _LENGTH = _spelled(
 )
 _ANGLE = _spelled({"deg degs degree degrees": 1.0, "rad rads radian radians": 180.0 / pi, "e7": 1e-7})
 
-_QUANTITIES = {"s": _TIME, "m": _LENGTH, "degrees": _ANGLE}
+_QUANTITIES: dict[str, dict[str, float]] = {"s": _TIME, "m": _LENGTH, "degrees": _ANGLE, "days": {}}
 BASE = {"time": "s", "delay": "s", "x": "m", "y": "m", "lat": "degrees", "lon": "degrees"}
 """Role -> the unit in which its values are kept."""
+BASE["date"] = "days"
 BASE |= {f"truth_{role}": BASE[role] for role in ("x", "y", "lat", "lon")}
 DELAY_UNITS = ("s", "ms", "us", "ns", "min", "h", "steps")
 """What a delay may be told to be in."""
