@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from .series import UnusableTrack
 from .units import BASE, other_quantity, split_unit
 
-__all__ = ["ROLES", "Columns", "find_columns", "normalised", "unused_delays"]
+__all__ = ["ROLES", "Columns", "find_columns", "normalised", "plane_is_told", "unused_delays"]
 
 Columns = dict[str, int]
 """Role -> index of its column."""
@@ -142,6 +142,15 @@ def _usual(role: str, names: Sequence[str]) -> str | None:
     return next(usual, next((bare[name] for name in ROLES[role] if name in bare), None))
 
 
+def plane_is_told(told: Mapping[str, str], prefix: str = "") -> bool:
+    """Whether the columns in metres were asked for, and those in degrees were not."""
+
+    def named(*roles: str) -> bool:
+        return any(f"{prefix}{role}" in told for role in roles)
+
+    return named("x", "y") and not named("lat", "lon")
+
+
 def unused_delays(header: Sequence[str], used: int | None) -> list[str]:
     """Headings that look like a delay, of columns other than `used`."""
     return [
@@ -164,8 +173,12 @@ def _require_positions(found: Columns, told: Mapping[str, str], header: Sequence
                     f"{path}: --{present[0].replace('_', '-')} without a column for {missing}"
                 )
             del found[present[0]]
-    if "x" in found and "lat" in found and ("lat" in told or "lon" in told) and "x" not in told:
-        del found["x"], found["y"]
+    for prefix in ("", "truth_"):
+        x, y, lat, lon = (f"{prefix}{each}" for each in ("x", "y", "lat", "lon"))
+        if x in found and lat in found and (lat in told or lon in told) and x not in told and y not in told:
+            del found[x], found[y]
+    if "truth_lat" in found and plane_is_told(told, "truth_"):
+        del found["truth_lat"], found["truth_lon"]
     if "x" not in found and "lat" not in found:
         raise UnusableTrack(
             f"{path}: no position columns (lat and lon in degrees, or east and north, or x and y, in metres)"

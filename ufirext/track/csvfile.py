@@ -13,7 +13,7 @@ from typing import TextIO
 import numpy as np
 
 from .._arrays import Array
-from .columns import Columns, find_columns, normalised, unused_delays
+from .columns import Columns, find_columns, normalised, plane_is_told, unused_delays
 from .series import Integers, LeftOut, Mask, Progress, Texts, UnusableTrack, silent
 from .stamps import Clock, joined, leap_second, numbers, past_midnight, without_zone
 from .units import BASE, Unit, split_unit
@@ -69,6 +69,7 @@ class _Layout:
     names: dict[str, str]
     decimal_comma: bool
     units: dict[str, Unit]
+    plane_told: bool
     told: str = ""  # the role whose unit was told
     clock: Clock | None = None
     dated: bool = False  # whether the dates of the times stand in a column of their own
@@ -167,7 +168,7 @@ def _layout(
     columns = find_columns(header, told, path)
     names = {role: normalised(header[place]) for role, place in columns.items()}
     units = {role: unit for role, name in names.items() if (unit := split_unit(name, role)[1]) is not None}
-    layout = _Layout(len(header), columns, names, delimiter != ",", units)
+    layout = _Layout(len(header), columns, names, delimiter != ",", units, plane_is_told(told))
     if delay_unit and "delay" in columns and (unit := split_unit(delay_unit, "delay")[1]) is not None:
         units["delay"], layout.told = unit, "delay"
     layout.notes += [
@@ -270,7 +271,9 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
             layout.left_out.append(LeftOut(int(lines[row]), fault, found))
         good[bad] = False
 
-    measured = [role for role in ("time", "lat", "lon", "x", "y", "delay") if role in values]
+    # degrees beside the columns that were asked for only tie these to the globe
+    degrees = () if layout.plane_told else ("lat", "lon")
+    measured = [role for role in ("time", *degrees, "x", "y", "delay") if role in values]
     for role in measured:
         unknown = ~np.isfinite(values[role])
         if unknown.any():
@@ -280,9 +283,9 @@ def _checked(values: dict[str, Array], texts: dict[str, list[str]], lines: Integ
                 refuse(unknown, role, (layout.clock or Clock("number")).fault)
             refuse(unknown, role, f"{_LABEL[role]} is not a number")
     for name, limit in _LIMITS.items():
-        if name in values:
+        if name in measured:
             refuse(np.abs(values[name]) > limit, name, f"{_LABEL[name]} out of range")
-    if "lat" in values:
+    if "lat" in measured:
         refuse((values["lat"] == 0) & (values["lon"] == 0), "lat", "no fix (latitude and longitude both 0)")
     if "delay" in values:
         refuse(values["delay"] < 0, "delay", "negative delay")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .._arrays import Array
+from .columns import plane_is_told
 from .csvfile import Table, read_table
 from .frame import LocalFrame
 from .gpxfile import read_gpx
@@ -59,7 +60,9 @@ def read_track(
         if _is_gpx(path):
             parts = _from_gpx(path)
         else:
-            parts = _from_table(read_table(path, columns or {}, progress, delay_unit=delay_unit), path)
+            told = columns or {}
+            table = read_table(path, told, progress, delay_unit=delay_unit)
+            parts = _from_table(table, path, plane_is_told(told))
     except OSError as error:
         raise UnusableTrack(f"{path}: {error.strerror or error}") from error
     return ordered(path, parts)
@@ -110,20 +113,22 @@ def _from_gpx(path: Path) -> Parts:
     return parts
 
 
-def _from_table(table: Table, path: Path) -> Parts:
+def _from_table(table: Table, path: Path, plane_told: bool) -> Parts:
     values = table.columns
     _require_rows(len(table.lines), path, table.rows_read, table.left_out, "line")
     latlon, plane = _pair(values, "lat", "lon"), _pair(values, "x", "y")
-    frame = None if latlon is None else _frame(latlon)
+    frame: LocalFrame | None = None
     notes = list(table.notes)
     if plane is not None and latlon is not None:
         # columns in metres win where both say the same: truth, if any, is in their frame
-        common = LocalFrame.through(latlon[0], plane[0])
-        if _agree(common.to_plane(latlon), plane):
-            frame = common
-        else:
+        frame = _common(latlon, plane)
+        if frame is None and plane_told:
+            notes.append("latitude and longitude do not agree with the named columns and were not used")
+        elif frame is None:
             notes.append("the columns in metres do not agree with latitude and longitude and were not used")
             plane = None
+    if plane is None and latlon is not None:
+        frame = _frame(latlon)
     metric = plane is not None
     if plane is None:
         if frame is None or latlon is None:
@@ -177,9 +182,15 @@ def _leave_out_far(parts: Parts, latlon: Array) -> None:
         parts.notes.append(f"{width / 1000:.0f} km wide: the local plane shortens lengths far out")
 
 
-def _agree(one: Array, other: Array) -> bool:
-    apart = float(np.median(np.linalg.norm(one - other, axis=1)))
-    return apart <= 1.0 + 0.01 * float(np.ptp(other, axis=0).max())
+def _common(latlon: Array, plane: Array) -> LocalFrame | None:
+    """The frame in which degrees and metres say the same, where there is one."""
+    fix = (np.abs(latlon) <= [90.0, 360.0]).all(axis=1) & (latlon != 0.0).any(axis=1)
+    if not fix.any():
+        return None
+    latlon, plane = latlon[fix], plane[fix]
+    frame = LocalFrame.through(latlon[0], plane[0])
+    apart = float(np.median(np.linalg.norm(frame.to_plane(latlon) - plane, axis=1)))
+    return frame if apart <= 1.0 + 0.01 * float(np.ptp(plane, axis=0).max()) else None
 
 
 def _truth(

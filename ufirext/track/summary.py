@@ -135,8 +135,8 @@ def facts(
         ("estimate - measurement", f"{summary.moved:.3g} m rms"),
     ]
     if summary.raw_rmse is not None and summary.filtered_rmse is not None:
-        change = 100.0 * (summary.filtered_rmse / summary.raw_rmse - 1.0) if summary.raw_rmse else np.nan
-        text = f"raw {summary.raw_rmse:.3f} m, filtered {summary.filtered_rmse:.3f} m ({change:+.1f} %)"
+        change = f" ({summary.filtered_rmse / summary.raw_rmse - 1.0:+.1%})" if summary.raw_rmse else ""
+        text = f"raw {summary.raw_rmse:.3f} m, filtered {summary.filtered_rmse:.3f} m{change.replace('%', ' %')}"
         lines.append(("RMSE to truth", f"{text} on {summary.true_rows:,} rows"))
     return lines + [("note", note) for note in track.notes]
 

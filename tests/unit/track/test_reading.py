@@ -269,3 +269,27 @@ def test_zero_zero_is_no_fix(tmp_path):
     columns = {"t": range(4), "lat": [50, 0, 50, 50], "lon": [10, 0, 10, 10]}
     track = read_track(write_table(tmp_path / "a.csv", columns))
     assert lines_of(track, "no fix (latitude and longitude both 0)") == [3]
+
+
+def test_columns_that_are_named_win_over_degrees_and_need_none(tmp_path):
+    metres = {"ref_e": [0, 50, 100, 150], "ref_n": [3, 3, 3, 3]}
+    columns = {"t": range(4), "lat": [50, "", 50.001, 95], "lon": [10, 10, "", 10], **metres}
+    path = write_table(tmp_path / "a.csv", columns)
+    track = read_track(path, {"x": "ref_e", "y": "ref_n"})
+    np.testing.assert_array_equal(track.position[:, 0], metres["ref_e"])
+    assert track.frame is not None  # the first row alone ties it to the globe
+    assert track.left_out == []
+    path = write_table(tmp_path / "b.csv", columns | {"lat": [50, 50.1, 50.2, 50.3], "lon": [10] * 4})
+    track = read_track(path, {"x": "ref_e", "y": "ref_n"})
+    np.testing.assert_array_equal(track.position[:, 0], metres["ref_e"])
+    assert track.frame is None
+    assert track.notes == ["latitude and longitude do not agree with the named columns and were not used"]
+
+
+@pytest.mark.parametrize(
+    ("told", "found"), [("x", {"truth_x", "truth_y"}), ("lat", {"truth_lat", "truth_lon"})]
+)
+def test_the_truth_that_is_named_wins(told, found):
+    header = ["t", "x", "y", "true_x", "true_y", "true_lat", "true_lon"]
+    columns = find_columns(header, {f"truth_{told}": f"true_{told}"}, "a.csv")
+    assert {role for role in columns if role.startswith("truth")} == found
