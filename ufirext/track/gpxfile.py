@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import gpxpy
@@ -13,44 +14,81 @@ import numpy as np
 from .._arrays import Array
 from .series import Integers, LeftOut, Texts, UnusableTrack
 
-__all__ = ["read_gpx", "write_gpx"]
+__all__ = ["Points", "read_gpx", "write_gpx"]
 
 _NAMESPACE = "urn:ufirext:track:1"
 _START = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def read_gpx(path: Path) -> tuple[Array, Array, Integers, Texts, int, list[LeftOut]]:
-    """Seconds since 1970, degrees (n, 2), points by number and stamp, how many there are, those left out.
+class Points(NamedTuple):
+    """The points of a file that can be used, in its order.
 
-    All tracks and segments, one after the other. Routes and waypoints have no time and are not read.
+    Attributes
+    ----------
+    seconds : ndarray, (n,)
+        Since 1970.
+    latlon : ndarray, (n, 2)
+        Degrees.
+    numbers : ndarray, (n,)
+        Which point of the file, from 1.
+    segments : ndarray, (n,)
+        Which of its segments, over all tracks, from 1.
+    stamps : ndarray, (n,)
+        The time in ISO 8601.
+    total : int
+        Points in the file.
+    left_out : list of LeftOut
     """
+
+    seconds: Array
+    latlon: Array
+    numbers: Integers
+    segments: Integers
+    stamps: Texts
+    total: int
+    left_out: list[LeftOut]
+
+
+def read_gpx(path: Path) -> Points:
+    """All tracks and segments, one after the other. Routes and waypoints are no tracks and are not read."""
     try:
         content = gpxpy.parse(path.read_bytes())
     except (gpxpy.gpx.GPXException, UnicodeDecodeError, ValueError) as error:
         raise UnusableTrack(f"{path}: not a GPX file: {error}") from error
-    points = [point for track in content.tracks for segment in track.segments for point in segment.points]
+    segments = [segment.points for track in content.tracks for segment in track.segments]
+    points: list[tuple[int, Any]] = [
+        (part, point) for part, each in enumerate(segments, start=1) for point in each
+    ]
     if not points:
-        found = f"{len(content.routes)} routes and {len(content.waypoints)} waypoints"
-        raise UnusableTrack(f"{path}: no track points (found {found}, which carry no time)")
+        found = (
+            f"{len(content.routes)} routes and {len(content.waypoints)} waypoints, which are not recordings"
+        )
+        raise UnusableTrack(f"{path}: no track points (<trkpt>); it has {found}")
     left_out: list[LeftOut] = []
-    kept: list[tuple[float, float, float, int]] = []
+    kept: list[tuple[float, float, float, int, int]] = []
     stamps: list[bytes] = []
-    for number, point in enumerate(points, start=1):
-        if point.time is None:
-            left_out.append(LeftOut(number, "no time", "a point without a <time>"))
-        elif abs(point.latitude) > 90 or abs(point.longitude) > 360:
-            left_out.append(
-                LeftOut(number, "out of range", f"lat {point.latitude:g}, lon {point.longitude:g}")
-            )
-        elif point.latitude == 0 and point.longitude == 0:
-            left_out.append(LeftOut(number, "no fix (latitude and longitude both 0)", "lat 0, lon 0"))
-        else:
-            stamp = point.time if point.time.tzinfo is not None else point.time.replace(tzinfo=UTC)
-            kept.append(((stamp - _START).total_seconds(), point.latitude, point.longitude, number))
-            stamps.append(stamp.isoformat().replace("+00:00", "Z").encode())
-    table = np.array(kept, dtype=float).reshape(-1, 4)
+    for number, (part, point) in enumerate(points, start=1):
+        if (fault := _fault(point)) is not None:
+            left_out.append(LeftOut(number, *fault))
+            continue
+        stamp = point.time if point.time.tzinfo is not None else point.time.replace(tzinfo=UTC)
+        kept.append(((stamp - _START).total_seconds(), point.latitude, point.longitude, number, part))
+        stamps.append(stamp.isoformat().replace("+00:00", "Z").encode())
+    table = np.array(kept, dtype=float).reshape(-1, 5)
+    numbers, parts = table[:, 3].astype(int), table[:, 4].astype(int)
     texts = np.array(stamps, dtype=np.bytes_)
-    return table[:, 0], table[:, 1:3], table[:, 3].astype(int), texts, len(points), left_out
+    return Points(table[:, 0], table[:, 1:3], numbers, parts, texts, len(points), left_out)
+
+
+def _fault(point: Any) -> tuple[str, str] | None:
+    """Why a point cannot be used, and what it says."""
+    if point.time is None:
+        return "no time", "a point without a <time>"
+    if abs(point.latitude) > 90 or abs(point.longitude) > 360:
+        return "out of range", f"lat {point.latitude:g}, lon {point.longitude:g}"
+    if point.latitude == 0 and point.longitude == 0:
+        return "no fix (latitude and longitude both 0)", "lat 0, lon 0"
+    return None
 
 
 def write_gpx(path: Path, seconds: Array, latlon: Array, extras: dict[str, Array], breaks: Integers) -> None:

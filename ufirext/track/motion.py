@@ -176,6 +176,7 @@ def _excerpt(track: Track, axis: Timing) -> tuple[Track, Timing]:
         lines=track.lines[rows],
         age=age,
         truth=None,
+        breaks=np.zeros(0, dtype=np.int64),
     )
     return part, replace(axis, steps=steps)
 
@@ -194,6 +195,8 @@ def _horizon(track: Track, axis: Timing, order: int) -> int:
     model = kinematic(order, AXES, 1.0)
     least = shortest_horizon(model) + 2
     steps = np.minimum(np.rint(axis.steps), 8)  # a long gap need not be walked through
+    breaks = track.breaks[: len(track) // 8]  # but no window may reach across a break
+    steps[breaks] = _LONGEST + 1
     ages = age_in_steps(track, axis)
     known = ages <= _LONGEST  # a row older than any window tells nothing about windows
     taken = np.rint((np.cumsum(steps) - ages)[known]).astype(int)

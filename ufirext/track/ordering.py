@@ -15,6 +15,7 @@ from .stamps import in_order
 __all__ = ["Parts", "ordered"]
 
 _HOUR = 3600.0  # s
+_OVERLAP = "time overlaps another segment"
 
 
 @dataclass
@@ -35,6 +36,7 @@ class Parts:
     age: Array | None = None
     age_unit: str = "s"
     truth: Array | None = None
+    segments: Integers | None = None
     zoneless: int = 0
     notes: list[str] = field(default_factory=list)
 
@@ -44,6 +46,7 @@ class Parts:
         self.lines, self.stamps = self.lines[rows], self.stamps[rows]
         self.age = None if self.age is None else self.age[rows]
         self.truth = None if self.truth is None else self.truth[rows]
+        self.segments = None if self.segments is None else self.segments[rows]
 
     def said(self, row: int) -> str:
         """The stamp of a row as the file writes it."""
@@ -56,12 +59,16 @@ def ordered(path: Path, parts: Parts) -> Track:
     if (steps < 0).sum() > 2 * (steps > 0).sum():
         parts.keep(np.arange(len(parts.seconds))[::-1])
         parts.notes.append("the file runs backward in time; it was read from its end")
+    if parts.segments is not None:
+        _order_segments(parts, parts.segments)
     if parts.zoneless:
         parts.notes += _about_zones(parts)
     keep = in_order(parts.seconds, strictly=parts.age is None)
     if parts.age is not None:
         keep &= ~_repeats(np.column_stack([parts.seconds, parts.age, parts.position]))
-    left_out = parts.left_out + _disorder(parts, keep)
+    disorder = _disorder(parts, keep)
+    parts.notes += _overlaps(parts, sum(each.fault == _OVERLAP for each in disorder))
+    left_out = parts.left_out + disorder
     parts.keep(keep)
     return Track(
         path=path,
@@ -78,8 +85,40 @@ def ordered(path: Path, parts: Parts) -> Track:
         counted=parts.counted,
         rows_read=parts.rows_read,
         left_out=sorted(left_out),
+        breaks=_breaks(parts.segments),
         notes=parts.notes,
     )
+
+
+def _order_segments(parts: Parts, segments: Integers) -> None:
+    """Put the segments of a file in order of their first stamps."""
+    _, first, inverse = np.unique(segments, return_index=True, return_inverse=True)
+    order = np.lexsort([segments, parts.seconds[first][inverse]])
+    if np.any(np.diff(order) != 1):
+        parts.keep(order)
+        parts.notes.append("the segments of the file were put in order of time")
+
+
+def _breaks(segments: Integers | None) -> Integers:
+    """Rows at which another segment begins."""
+    if segments is None:
+        return np.zeros(0, dtype=np.int64)
+    return 1 + np.flatnonzero(np.diff(segments))
+
+
+def _overlaps(parts: Parts, lost: int) -> list[str]:
+    """A note of the segments that run at the same time as one before them, where that cost rows."""
+    if parts.segments is None or not lost:
+        return []
+    starts = np.concatenate([[0], _breaks(parts.segments)])
+    newest = np.maximum.accumulate(np.maximum.reduceat(parts.seconds, starts))
+    oldest = np.minimum.reduceat(parts.seconds, starts)
+    numbers = parts.segments[starts[1:]][oldest[1:] <= newest[:-1]].tolist()
+    which = ", ".join(map(str, numbers[:5])) + (f" and {len(numbers) - 5} more" if len(numbers) > 5 else "")
+    return [
+        f"segment {which} of the file overlaps an earlier one in time: a track is in one place at a time, "
+        f"and {lost:,} points were left out; recordings of their own belong in files of their own"
+    ]
 
 
 def _repeats(table: Array) -> Mask:
@@ -93,16 +132,20 @@ def _repeats(table: Array) -> Mask:
 def _disorder(parts: Parts, keep: Mask) -> list[LeftOut]:
     """Why the rows that are not kept are out of order, in the words of the file."""
     found: list[LeftOut] = []
-    kept = np.where(keep, parts.seconds, -np.inf)
-    newest = np.maximum.accumulate(kept)
-    last = np.maximum.accumulate(np.where(keep, np.arange(len(keep)), 0))
-    for row in np.flatnonzero(~keep).tolist():
-        stamp, before, line = parts.seconds[row], newest[row], int(parts.lines[row])
-        said = parts.said(row)
-        if stamp == before:
+    kept = np.flatnonzero(keep)
+    after = np.searchsorted(kept, np.flatnonzero(~keep)).tolist()  # place of the next row that is kept
+    for row, place in zip(np.flatnonzero(~keep).tolist(), after, strict=True):
+        line, stamp, said = int(parts.lines[row]), parts.seconds[row], parts.said(row)
+        last, following = int(kept[max(place - 1, 0)]), int(kept[min(place, len(kept) - 1)])
+        before = parts.seconds[last] if place else -np.inf
+        other = last if stamp <= before else following
+        if parts.segments is not None and parts.segments[row] != parts.segments[other]:
+            which = f"{said}, but segment {parts.segments[other]} is at {parts.said(other)} by then"
+            found.append(LeftOut(line, _OVERLAP, which))
+        elif stamp == before:
             found.append(LeftOut(line, "time repeats", f"{said}, as the row before"))
         elif stamp < before:
-            found.append(LeftOut(line, "time runs backward", f"{said} after {parts.said(int(last[row]))}"))
+            found.append(LeftOut(line, "time runs backward", f"{said} after {parts.said(last)}"))
         else:
             found.append(LeftOut(line, "time leaps ahead", f"{said}, later than the rows that follow"))
     return found

@@ -93,23 +93,24 @@ def _require_rows(rows: int, path: Path, rows_read: int, left_out: list[LeftOut]
 
 
 def _from_gpx(path: Path) -> Parts:
-    seconds, latlon, lines, stamps, rows_read, left_out = read_gpx(path)
-    _require_rows(len(seconds), path, rows_read, left_out, "point")
-    frame = _frame(latlon)
+    points = read_gpx(path)
+    _require_rows(len(points.seconds), path, points.total, points.left_out, "point")
+    frame = _frame(points.latlon)
     parts = Parts(
-        seconds=seconds,
-        position=frame.to_plane(latlon),
+        seconds=points.seconds,
+        position=frame.to_plane(points.latlon),
         axes=("east", "north"),
-        lines=lines,
-        stamps=stamps,
+        lines=points.numbers,
+        stamps=points.stamps,
         frame=frame,
         epoch=True,
         dates=True,
         counted="point",
-        rows_read=rows_read,
-        left_out=left_out,
+        rows_read=points.total,
+        left_out=points.left_out,
+        segments=points.segments,
     )
-    _leave_out_far(parts, latlon)
+    _leave_out_far(parts, points.latlon)
     return parts
 
 

@@ -65,6 +65,8 @@ class Track:
         Reference positions in the same plane, NaN where there is none.
     frame : LocalFrame or None
         Ties the plane to latitude and longitude, where the file does.
+    breaks : ndarray of int
+        Rows, past the first, at which a new segment of the file begins: nothing is known of the way there.
     epoch : bool
         Whether `seconds` count from 1970-01-01T00:00:00Z.
     dates : bool
@@ -86,6 +88,7 @@ class Track:
     age_unit: str = "s"
     truth: Array | None = None
     frame: LocalFrame | None = None
+    breaks: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     epoch: bool = False
     dates: bool = False
     counted: str = "line"

@@ -115,6 +115,7 @@ def facts(
         ("rows read", f"{track.rows_read:,}; {len(track) - int(estimates.late.sum()):,} used"),
         *_left_out(track, left_out(track, estimates)),
         ("time", _time(track, axis)),
+        *_segments(track),
         ("gaps", _gaps(track, axis, estimates)),
         ("filter", _FILTERS[motion.filter]),
         ("motion model", f"{_ORDERS[motion.order]} ({choice.why_order})"),
@@ -136,7 +137,9 @@ def facts(
     ]
     if summary.raw_rmse is not None and summary.filtered_rmse is not None:
         change = f" ({summary.filtered_rmse / summary.raw_rmse - 1.0:+.1%})" if summary.raw_rmse else ""
-        text = f"raw {summary.raw_rmse:.3f} m, filtered {summary.filtered_rmse:.3f} m{change.replace('%', ' %')}"
+        text = (
+            f"raw {summary.raw_rmse:.3f} m, filtered {summary.filtered_rmse:.3f} m{change.replace('%', ' %')}"
+        )
         lines.append(("RMSE to truth", f"{text} on {summary.true_rows:,} rows"))
     return lines + [("note", note) for note in track.notes]
 
@@ -206,14 +209,22 @@ def _time(track: Track, axis: Timing) -> str:
 
 
 def _gaps(track: Track, axis: Timing, estimates: Estimates) -> str:
-    spans = np.diff(track.seconds)
+    spans = np.delete(np.diff(track.seconds), track.breaks - 1)
     gaps = spans[spans > 1.5 * axis.step]
     if not len(gaps):
         return "none"
     longest = duration(float(gaps.max()))
-    restarts = len(estimates.starts) - 1
+    restarts = len(estimates.starts) - 1 - len(track.breaks)
     text = f"{len(gaps):,}, the longest {longest}"
     return f"{text}; {restarts} longer than a window, a fresh start after each" if restarts else text
+
+
+def _segments(track: Track) -> list[tuple[str, str]]:
+    if not len(track.breaks):
+        return []
+    spans = np.diff(track.seconds)[track.breaks - 1]
+    text = f"{len(track.breaks) + 1:,}, up to {duration(float(spans.max()))} apart; a fresh start in each"
+    return [("segments", text)]
 
 
 def _delays(track: Track, estimates: Estimates) -> str:

@@ -37,14 +37,24 @@ class Timing:
 
 
 def timing(track: Track, longest: int = 64) -> Timing:
-    """Nominal step and place of every row; gaps longer than `longest` steps need not fit the grid."""
+    """Nominal step and place of every row.
+
+    Gaps longer than `longest` steps need not fit the grid, and neither need the breaks between segments:
+    these count as longer than any window, however short they are.
+    """
     spans = np.diff(track.seconds)
-    forward = spans[spans > 0]
+    across = np.zeros(len(spans), dtype=bool)
+    across[track.breaks - 1] = True
+    forward = spans[(spans > 0) & ~across]
+    if not len(forward):
+        forward = spans[spans > 0]
     if not len(forward):
         raise UnusableTrack(
             f"{track.path}: only one time stamp among its {len(track)} usable rows{_why(track)}"
         )
-    step = _step(spans, float(f"{np.median(forward):.12g}"), longest)
+    median = float(f"{np.median(forward):.12g}")
+    spans[across] = np.maximum(spans[across], APART * median)
+    step = _step(spans, median, longest)
     steps = spans / step
     regular = _on_grid(spans, step, longest)
     if regular:
@@ -82,7 +92,7 @@ def _why(track: Track) -> str:
 
 
 def pieces(axis: Timing, horizon: int) -> list[slice]:
-    """The stretches between gaps longer than a window of `horizon` steps; a filter starts afresh in each."""
+    """The stretches between gaps longer than `horizon` steps, or breaks; a filter starts afresh in each."""
     cuts = (1 + np.flatnonzero(axis.steps[1:] > horizon)).tolist()
     return [slice(start, stop) for start, stop in zip([0, *cuts], [*cuts, len(axis.steps)], strict=True)]
 
