@@ -53,4 +53,8 @@ def main() -> None:
         app = build()
     except ModuleNotFoundError as error:
         sys.exit(f"ufirext: the command line needs {error.name}: pip install 'ufirext[cli]'")
-    app()
+    app(prog_name="ufirext")
+
+
+if __name__ == "__main__":
+    main()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -395,3 +396,60 @@ def test_a_missing_extra_says_the_pip_command():
     assert result.returncode == 1
     assert "pip install 'ufirext[cli]'" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("module", ["ufirext", "ufirext.cli"])
+def test_the_package_can_be_run_as_a_module(module):
+    for options, said in ((["--help"], "Usage: ufirext [OPTIONS] COMMAND"), (["--version"], "ufirext ")):
+        command = [sys.executable, "-m", module, *options]
+        result = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "NO_COLOR": "1"})
+        assert result.returncode == 0, result.stderr
+        assert said in result.stdout
+        assert result.stderr == ""
+
+
+def test_what_runs_as_a_module_is_light_to_import():
+    script = "import sys, ufirext.__main__; print('typer' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"
+
+
+def test_a_horizon_that_no_row_fills_is_said(drive):
+    result = invoke("track", drive, "--horizon", 5000, "--order", 1)
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "(298 rows; none has a whole window behind it)" in said
+    assert "no row has a whole window of 5000 steps behind it" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--horizon", 0), "must be at least 1 step, got 0"),
+        (("--horizon", -3, "--lag", 2), "must be at least 1 step, got -3"),
+        (("--lag", 10000), "lag must be at most 4999 steps where no horizon is told, got 10000"),
+        (
+            ("--filter", "hinf", "--theta", 1e9),
+            "lower --theta, or leave it out: 0.3 of its limit at each row",
+        ),
+    ],
+)
+def test_wrong_values_are_told_in_the_words_of_the_command_line(drive, options, reason):
+    result = invoke("track", drive, *options)
+    assert result.exit_code == 2
+    said = " ".join(result.output.replace("│", " ").split())
+    assert reason in said
+    for word in ("on_violation", "theta='auto'", "20001"):
+        assert word not in said
+
+
+def test_a_gross_outlier_is_pointed_at(drive):
+    assert "out of line" not in invoke("track", drive).output
+    lines = drive.read_text().splitlines()
+    cells = lines[150].split(",")
+    lines[150] = ",".join([cells[0], "1e6", *cells[2:]])
+    drive.write_text("\n".join(lines))
+    said = " ".join(invoke("track", drive).output.split())
+    assert "out of line: more than 8 robust standard deviations" in said
+    assert "the farthest, line 151, by 1e+06 m" in said
+    assert "docs/horizon.md" in said

@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "ufirext"
 
 # What talks to files, terminals and pictures. Nothing else may depend on it.
-EDGES = {"certify_cli", "cli", "demo", "distributed", "track"}
+EDGES = {"__main__", "certify_cli", "cli", "demo", "distributed", "track"}
 # What may be imported beyond NumPy and SciPy, and where (a package: in all its modules).
 FOREIGN = {
     "_array_api": {"array_api_compat"},

@@ -109,7 +109,10 @@ def track(
     except (HorizonError, UnobservableWindow) as error:
         raise typer.BadParameter(str(error), param_hint="--horizon, --order, --lag") from error
     except ThetaTooLarge as error:
-        raise typer.BadParameter(str(error), param_hint="--theta") from error
+        at = "" if error.step is None else f" at step {error.step}"
+        reason = f"theta must be below theta_max = {error.theta_max:.6g}{at}, got {error.theta:.6g}"
+        advice = "lower --theta, or leave it out: 0.3 of its limit at each row is used then"
+        raise typer.BadParameter(f"{reason}; {advice}", param_hint="--theta") from error
     except UfirextError as error:
         _fail(error)
     show(Console(), file.name, lines)
@@ -137,9 +140,12 @@ def _window(text: str) -> int | None:
     if text in ("auto", "adaptive"):
         return None
     try:
-        return int(text)
+        horizon = int(text)
     except ValueError:
         _wrong(f"must be a number of steps, auto or adaptive, got {text!r}", "--horizon")
+    if horizon < 1:
+        _wrong(f"must be at least 1 step, got {horizon}", "--horizon")
+    return horizon
 
 
 def _check(wish: Wish) -> None:

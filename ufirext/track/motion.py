@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import ShapeError
+from ..errors import HorizonError, ShapeError
 from ..gains import ufir_gain
 from ..horizon import best_horizon, horizon_criterion, shortest_horizon
 from ..model import kinematic
 from .filters import FilterName
-from .run import AXES, Estimates, Motion, run
+from .run import AXES, LONGEST, Estimates, Motion, run
 from .series import Track
 from .timing import APART, Timing, age_in_steps, pieces
 
@@ -116,6 +116,9 @@ def _window(wish: Wish, best: int) -> int:
     """The horizon in use, where `best` is that of least squares."""
     if wish.horizon is not None:
         return wish.horizon
+    if wish.filter in ("ufir", "fms") and 2 * wish.lag + 1 > LONGEST:
+        most = (LONGEST - 1) // 2  # the lag of a chosen window lies in its middle
+        raise HorizonError(f"lag must be at most {most} steps where no horizon is told, got {wish.lag}")
     return max(ceil(_ENOUGH * best) if wish.filter == "fms" else best, 2 * wish.lag + 1)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._arrays import Array
 from .motion import Choice
+from .outliers import outliers
 from .run import Estimates, Motion
 from .series import LeftOut, Track
 from .timing import Timing
@@ -38,6 +39,8 @@ class Summary:
         Mean normalised innovation squared; 2 when the covariances are right.
     judged : int
         Rows these are taken over.
+    whole : bool
+        Whether they have a whole window behind them; else all rows that are predicted, there being no such.
     moved : float
         Root mean square distance between measurement and estimate, m.
     raw_rmse, filtered_rmse : float or None
@@ -49,6 +52,7 @@ class Summary:
     autocorrelation: float
     nis: float
     judged: int
+    whole: bool
     moved: float
     raw_rmse: float | None = None
     filtered_rmse: float | None = None
@@ -58,7 +62,7 @@ class Summary:
 def summarise(track: Track, estimates: Estimates) -> Summary:
     """The statistics of what a filter made of a track."""
     judged = estimates.settled & estimates.predicted
-    if not judged.any():
+    if not (whole := bool(judged.any())):
         judged = estimates.predicted
     y = np.where(judged[:, None], estimates.innovation, np.nan)
     raw, filtered, true_rows = _to_truth(track, estimates)
@@ -67,6 +71,7 @@ def summarise(track: Track, estimates: Estimates) -> Summary:
         autocorrelation=_autocorrelation(y),
         nis=float(np.mean(estimates.nis[judged])) if judged.any() else np.nan,
         judged=int(judged.sum()),
+        whole=whole,
         moved=_rms(np.linalg.norm(estimates.position - track.position, axis=1)),
         raw_rmse=raw,
         filtered_rmse=filtered,
@@ -141,7 +146,15 @@ def facts(
             f"raw {summary.raw_rmse:.3f} m, filtered {summary.filtered_rmse:.3f} m{change.replace('%', ' %')}"
         )
         lines.append(("RMSE to truth", f"{text} on {summary.true_rows:,} rows"))
-    return lines + [("note", note) for note in track.notes]
+    notes = [*track.notes, *_unfilled(motion, summary), *outliers(track, estimates)]
+    return lines + [("note", note) for note in notes]
+
+
+def _unfilled(motion: Motion, summary: Summary) -> list[str]:
+    """A note where a told window is longer than every stretch of the track."""
+    if summary.whole or not motion.windowed or not summary.judged:
+        return []
+    return [f"no row has a whole window of {motion.horizon} steps behind it: all windows in use are shorter"]
 
 
 def _theta(motion: Motion, estimates: Estimates) -> list[tuple[str, str]]:
@@ -163,7 +176,8 @@ def _innovations(summary: Summary) -> str:
     said = [f"std {summary.innovation_std:.3g} m"]
     if not np.isnan(summary.autocorrelation):
         said.append(f"lag-1 autocorrelation {summary.autocorrelation:.2f}")
-    return f"{', '.join(said)} ({summary.judged:,} rows with a whole window behind them)"
+    rows = "with a whole window behind them" if summary.whole else "; none has a whole window behind it"
+    return f"{', '.join(said)} ({summary.judged:,} rows{' ' if summary.whole else ''}{rows})"
 
 
 def _nis(motion: Motion, summary: Summary) -> str:
