@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import repeat
+
 import numpy as np
 import pytest
 from filterpy.common import Saver
 from filterpy.kalman import KalmanFilter
+
+from ufirext import ShapeError
 
 from .models import constant_velocity, flat, plane, ramp_F, run, vector, walk
 
@@ -97,6 +101,26 @@ def test_a_list_of_the_filters_own_matrices_changes_nothing(make, column, rng, g
     zs = [vector(z, column) for z in walk(rng, 60, 1)]
     own = getattr(f, given[0])
     assert_batches_equal(f.batch_filter(zs, **{given: [own.copy() for _ in zs]}), twin.batch_filter(zs))
+
+
+@pytest.mark.contract(56, better=True)
+@pytest.mark.parametrize("given", ["Fs", "Qs", "Hs", "Rs", "Bs", "us"])
+@pytest.mark.parametrize("form", [list, iter], ids=["list", "iterator"])
+@pytest.mark.parametrize("update_first", [False, True])
+def test_a_list_shorter_than_the_series_is_refused_before_anything_is_filtered(
+    make, given, form, update_first
+):
+    f, twin = (constant_velocity(make) for _ in range(2))
+    with pytest.raises(ShapeError, match=rf"^{given} must hold one entry .* 4 .*, got 2$"):
+        f.batch_filter([1.0, 2.0, 3.0, 4.0], **{given: form([None, None])}, update_first=update_first)
+    assert_batches_equal(f.batch_filter([1.0, 2.0]), twin.batch_filter([1.0, 2.0]))
+
+
+@pytest.mark.contract(56)
+def test_a_list_may_go_on_after_the_series(make):
+    f, twin = constant_velocity(make), constant_velocity(make)
+    result = f.batch_filter([1.0, 2.0, 3.0], Fs=repeat(f.F), Qs=[f.Q] * 9)
+    assert_batches_equal(result, twin.batch_filter([1.0, 2.0, 3.0]))
 
 
 @pytest.mark.contract(56)
@@ -236,6 +260,15 @@ def test_rts_smoother_with_lists_of_matrices(make, column, rng):
     assert_batches_equal(lists, f.rts_smoother(means, covariances), 1e-6)
     with pytest.raises(ValueError, match="length"):
         f.rts_smoother(means, covariances[:-1])
+
+
+@pytest.mark.contract(60, better=True)
+@pytest.mark.parametrize("given", ["Fs", "Qs"])
+def test_rts_smoother_refuses_shorter_lists(make, given):
+    f = constant_velocity(make)
+    means, covariances, *_ = f.batch_filter([1.0, 2.0, 3.0])
+    with pytest.raises(ShapeError, match=rf"^{given} must hold one entry .* 3 .*, got 2$"):
+        f.rts_smoother(means, covariances, **{given: [np.eye(2)] * 2})
 
 
 @pytest.mark.contract(54)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import repeat
+from collections.abc import Iterable, Sequence, Sized
+from itertools import islice, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ._surface import FilterSurface
 
 PerStep = Iterable[ArrayLike | None] | None
+NAMES = ("Fs", "Qs", "Hs", "Rs", "Bs", "us")
 # Series from so many steps on may be worked out at once.
 LONG = 2000
 
@@ -24,6 +25,7 @@ def run_series(
     f: FilterSurface, zs: Sequence[Any] | Array, per_step: Sequence[PerStep], update_first: bool, saver: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Means and covariances after update and after predict; `per_step` holds Fs, Qs, Hs, Rs, Bs, us."""
+    per_step = [_entries(values, name, len(zs)) for values, name in zip(per_step, NAMES, strict=True)]
     if not update_first and saver is None and len(zs) >= LONG:
         from ..series.hook import whole_series  # a long series is worth the import
 
@@ -31,6 +33,20 @@ def run_series(
         if found is not None:
             return found
     return _stream(f, zs, per_step, update_first, saver)
+
+
+def _entries(values: PerStep, name: str, count: int) -> PerStep:
+    """A list of one entry a step, at least; ShapeError where it ends before the series does."""
+    if values is None:
+        return None
+    if not isinstance(values, Sized):
+        values = list(islice(values, count))
+    if len(values) < count:
+        raise ShapeError(
+            f"{name} must hold one entry for each of the {count} steps of the series "
+            f"(None for the filter's own), got {len(values)}"
+        )
+    return values
 
 
 def _stream(
@@ -63,6 +79,8 @@ def smooth_series(
     if len(Xs) != len(Ps):
         raise ShapeError(f"Xs and Ps must have the same length, got {len(Xs)} and {len(Ps)}")
     count = len(Xs)
+    _entries(Fs, "Fs", count)
+    _entries(Qs, "Qs", count)
     x, P, Pp = np.array(Xs, dtype=float), np.array(Ps, dtype=float), np.array(Ps, dtype=float)
     K = np.zeros((count, Ps.shape[-1], Ps.shape[-1]))
     for k in range(count - 2, -1, -1):

@@ -303,6 +303,7 @@ class FilterSurface(Attributes):
         zs : sequence of measurements
             None or NaN: missing.
         Fs, Qs, Hs, Rs, Bs, us : sequences, optional
+            One entry for each of zs; ShapeError, before anything is filtered, where one is shorter.
         update_first : bool
             update before predict in every step.
         saver : filterpy.common.Saver, optional
