@@ -88,10 +88,37 @@ def test_a_system_of_unspecified_step_takes_any_dt():
     assert UFIRFilter.from_statespace(plant, dt=0.3, horizon=6).horizon == 6
 
 
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        (UFIRFilter, {}),
+        (UFIRFilter, {"horizon": "auto"}),
+        (FMSFilterSmoother, {"horizon": 9}),
+        (DelayKalmanFilter, {}),
+        (DelayHInfinityFilter, {"theta": 0.01}),
+    ],
+)
+@pytest.mark.parametrize("noises", [{}, {"QN": [[0.5]]}, {"RN": [[0.02]]}])
+@pytest.mark.parametrize(("plant", "step"), [(CART, None), (CONTINUOUS, 0.25)])
+def test_noises_that_a_filter_weighs_must_be_given(kind, options, noises, plant, step):
+    with pytest.raises(ct.ControlArgument, match=rf"{kind.__name__}.*weighs .*: give QN and RN"):
+        kind.from_statespace(plant, **noises, dt=step, **options)
+
+
+@pytest.mark.parametrize("horizon", [6, "adaptive"])
+def test_least_squares_need_no_noises(horizon):
+    f = UFIRFilter.from_statespace(CART, horizon=horizon)
+    for z in range(20):
+        f.predict(0.0)
+        f.update(0.2 * z)
+    np.testing.assert_allclose(f.x.ravel(), [3.8, 2.0], rtol=0.2)
+
+
 @given(plants(feedthrough=False))
 def test_there_and_back_is_the_plant(drawn):
     plant, _, _ = drawn
-    f = FMSFilterSmoother.from_statespace(plant, horizon=30)
+    noises = np.eye(plant.ninputs), np.eye(plant.noutputs)
+    f = FMSFilterSmoother.from_statespace(plant, *noises, horizon=30)
     back = to_statespace(f)
     for name in "ABCD":
         np.testing.assert_array_equal(getattr(back, name), getattr(plant, name))

@@ -41,7 +41,8 @@ def from_statespace(
         Discrete-time, or continuous-time with `dt`.
     QN, RN : array_like, (dim_w, dim_w) and (dim_z, dim_z), optional
         Covariances of the disturbances and of the measurement noise of one sample; of a continuous system
-        QN is the spectral density. Without them Q and R are what the class begins with.
+        QN is the spectral density. Only least squares over a horizon that is given, or adaptive, do without:
+        UFIRFilter then keeps the identity for R.
     dt : float, optional
         Step in seconds by which a continuous system is discretised: zero-order hold for u, Van Loan for QN.
     G, C, control_indices, disturbance_indices : optional
@@ -56,7 +57,8 @@ def from_statespace(
     Raises
     ------
     control.ControlArgument, control.ControlDimension
-        For a system or a matrix that does not fit; for a continuous system without `dt`.
+        For a system or a matrix that does not fit; for a continuous system without `dt`; without QN or RN
+        where the filter, or horizon="auto", weighs them.
     NotImplementedError
         For D != 0, for which filterpy's verbs have no place.
 
@@ -93,13 +95,11 @@ def from_statespace(
             f"{caller}() called with nonzero 'D' matrix: update(z) has no place for it; make the filter from "
             "the system with D = 0 and pass update(y - D @ u)"
         )
-    return _configured(kind, plant, Q, RN, options)
-
-
-def _configured(
-    kind: type[FilterT], plant: Plant, Q: Array | None, RN: ArrayLike | None, options: dict[str, Any]
-) -> FilterT:
     new: Any = kind(plant.dim_x, plant.dim_z, plant.dim_u, **options)  # type: ignore[call-arg]
+    if (QN is None or RN is None) and new._weighing:
+        raise ct.ControlArgument(
+            f"{caller}(): {new._weighing} weighs process against measurement noise: give QN and RN"
+        )
     new.F, new.H = plant.A, plant.C
     if plant.dim_u:
         new.B = plant.B

@@ -194,7 +194,8 @@ class FilterSurface(Attributes):
         sys : control.StateSpace
             Discrete-time, or continuous-time with the keyword `dt`.
         QN, RN : array_like, optional
-            Covariances of the disturbances and of the measurement noise; Q = G QN G'.
+            Covariances of the disturbances and of the measurement noise; Q = G QN G'. Only UFIRFilter does
+            without, where its horizon is given or "adaptive".
         **options
             dt, G, C, control_indices, disturbance_indices of `ufirext.control.from_statespace`, and keywords
             of the filter.
@@ -267,6 +268,11 @@ class FilterSurface(Attributes):
             else state.H.value @ state.P.value @ state.H.value.T + state.R.value
         )
         return log_normal(residual[mask], S[np.ix_(mask, mask)])
+
+    @property
+    def _weighing(self) -> str | None:
+        """What in it weighs Q against R, so that it cannot work without a guess of both."""
+        return "the gain"
 
     def test_matrix_dimensions(
         self,

@@ -152,6 +152,10 @@ class UFIRFilter(WindowFilter):
         """Whether a series may be worked out at once; verbs of a subclass may do anything."""
         return type(self) is UFIRFilter and self._state.plain
 
+    @property
+    def _weighing(self) -> str | None:
+        return 'horizon="auto"' if self._state.policy == "auto" else None
+
     def smoothed(self, lag: int) -> tuple[Array, Array]:
         """The state `lag` steps ago, from the same window, and its exact covariance.
 
