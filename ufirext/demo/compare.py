@@ -26,6 +26,8 @@ SCENARIOS = {
 }
 
 LATEST = max(link.longest for link in SCENARIOS.values())
+DENSITIES = (1e-6, 1e6)
+"""Where the search for the right Q ends, m^2/s^3."""
 ENOUGH = 1.5
 """Best horizons of least squares that make the minimum variance as small as it gets, to 0.1 %."""
 
@@ -193,7 +195,8 @@ def rmse(positions: Array, truth: Array) -> float:
 def tuned_density(trial_of: Callable[[float], Trial], around: float = 1.0) -> float:
     """The noise density q, m^2/s^3, of the constant-velocity Kalman filter of least error on a trial.
 
-    It looks at the truth, which nobody has outside a simulation: the best that a constant Q can do.
+    It looks at the truth, which nobody has outside a simulation: the best that a constant Q can do. The
+    search goes on until both sides of the best are known for two decades, or to `DENSITIES` times `around`.
     """
     contender = CONTENDERS[0]
 
@@ -202,9 +205,19 @@ def tuned_density(trial_of: Callable[[float], Trial], around: float = 1.0) -> fl
         arrivals = transmit(np.random.default_rng(0), len(trial.drive), Link())
         return rmse(estimate(contender, trial, arrivals), trial.drive.position)
 
-    best = min(np.arange(-2.0, 3.01, 0.5).tolist(), key=error)
-    best = min((best + np.arange(-0.4, 0.41, 0.1)).tolist(), key=error)
-    return float(around * 10.0**best)
+    lowest, highest = (math.log10(edge) for edge in DENSITIES)
+    low, high, found = -2.0, 3.0, dict[float, float]()
+    while True:
+        for exponent in np.arange(low, high + 0.01, 0.5).tolist():
+            if exponent not in found:
+                found[exponent] = error(exponent)
+        best = min(found, key=found.__getitem__)
+        wider = max(min(low, best - 2.0), lowest), min(max(high, best + 2.0), highest)
+        if wider == (low, high):
+            break
+        low, high = wider
+    near = np.clip(best + np.arange(-0.4, 0.41, 0.1), lowest, highest)
+    return float(around * 10.0 ** min(near.tolist(), key=error))
 
 
 def compare(

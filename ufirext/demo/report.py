@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Exhibit", "exhibit", "picture", "write_report"]
+__all__ = ["REPORT", "Exhibit", "exhibit", "picture", "score_limits", "write_report"]
 
 Scores = Mapping[str, Mapping[str, Score]]
 
+REPORT = ("report.html", "picture.png", "table.csv", "table.md")
 LATE = "10 % lost, 40 % late"
 SHOWN, CLOSE_UP = 60, 24
 """Steps in the errors over time, and in the map, taken from their middle."""
@@ -143,9 +144,18 @@ def _draw_scores(axes: Axes, scores: Scores) -> None:
             label=scenario,
         )
     axes.set_yticks([-i for i in range(len(names))], names, fontsize=9.5)
-    axes.set(xlabel="RMSE of the position, m (bars: one standard error)", xlim=(0, None))
+    axes.set(xlabel="RMSE of the position, m (bars: one standard error)", xlim=score_limits(scores))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=9, title="packets", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def score_limits(scores: Scores) -> tuple[float, float]:
+    """Limits of the axis of scores: from 0, unless they lie too close together to be told apart there."""
+    every = [score for row in scores.values() for score in row.values()]
+    spans = [(score.rmse, 0.0 if math.isnan(score.error) else score.error) for score in every]
+    low, high = min(mean - error for mean, error in spans), max(mean + error for mean, error in spans)
+    margin = 0.05 * (high - low) or 0.05 * high or 1.0
+    return (low - margin if low > high - low else 0.0), high + margin
 
 
 def write_report(
@@ -153,14 +163,14 @@ def write_report(
 ) -> dict[str, Path]:
     """Write report.html (self-contained), picture.png, table.csv and table.md; their paths by name."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = {name: folder / name for name in ("report.html", "picture.png", "table.csv", "table.md")}
+    paths = {name: folder / name for name in REPORT}
     figure.savefig(paths["picture.png"], dpi=100)
     with paths["table.csv"].open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["filter", "packets", "rmse_m", "standard_error_m", "runs"])
         for name, scenarios in scores.items():
             for scenario, score in scenarios.items():
-                writer.writerow([name, scenario, f"{score.rmse:.4f}", f"{score.error:.4f}", runs])
+                writer.writerow([name, scenario, f"{score.rmse:.6f}", f"{score.error:.6f}", runs])
     paths["table.md"].write_text(_markdown(scores), encoding="utf-8")
     image = base64.b64encode(paths["picture.png"].read_bytes()).decode("ascii")
     paths["report.html"].write_text(_page(title, notes, scores, runs, image), encoding="utf-8")

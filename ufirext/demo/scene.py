@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,7 +12,7 @@ import numpy as np
 
 from .._arrays import Array
 from ..errors import UfirextError
-from .compare import Trial, models, tuned_density
+from .compare import DENSITIES, Trial, models, tuned_density
 from .simulate import Drive, city_drive
 
 __all__ = ["LONGEST", "Scene", "city", "recorded"]
@@ -123,11 +124,15 @@ def _best_q(trial: Callable[[np.random.Generator, float], Trial], rng: np.random
 
 
 def _about_q(q: float, noise: float) -> str:
-    return (
+    found = (
         f"Right R: ({noise:.3g} m)^2. Right Q: the one with which the Kalman filter errs least on "
         f"the true track (density {q:.3g} m^2/s^3), found by "
         "looking at the truth, as nobody can outside a simulation."
     )
+    if any(math.isclose(q, edge) for edge in DENSITIES):
+        way = "less" if math.isclose(q, DENSITIES[0]) else "more"
+        found += f" The search ended there, at its edge: {way} may be better still."
+    return found
 
 
 def _stretch(seconds: Array) -> slice:
