@@ -162,7 +162,7 @@ class _Picture:
         """Title on the left and legend on the right above the panel, where they hide nothing."""
         panel.set_title(title, loc="left", fontsize=11, color=self.theme.ink)
         panel.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False,
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8, frameon=False,
             labelcolor=self.theme.ink,             borderaxespad=0.1, handlelength=1.4, columnspacing=1.0,
         )  # fmt: skip
 
@@ -179,11 +179,30 @@ class _Picture:
         for column, color in enumerate((self.theme.filtered, self.theme.second)):
             name = self.track.axes[column]
             panel.plot(time, y[:, column], ".", color=color, markersize=2.5, label=name, **self.pixels)
-        shown = np.abs(y[np.isfinite(y)])
+        sizes = np.abs(self.estimates.innovation)
+        shown = sizes[np.isfinite(sizes)]
         if len(shown):
             limit = 1.1 * float(max(np.quantile(shown, 0.999), 2.5 * np.nanmedian(std)))
             panel.set_ylim(-limit, limit)
+            self._outside(panel, self.estimates.innovation, limit)
         self._over_time(panel, "Residuals", "measurement - prediction, m")
+
+    def _outside(self, panel: Axes, values: Array, limit: float) -> None:
+        """Marks at the edge for the values (n, k) of all rows that the panel is too small for."""
+        beyond = np.abs(values) > limit
+        rows, columns = np.nonzero(beyond)
+        if not len(rows):
+            return
+        count = int(beyond.any(axis=1).sum())
+        label = f"{count:,} outside" if count > 1 else "1 outside"
+        for marker, side in (("^", 1.0), ("v", -1.0)):
+            here = np.sign(values[rows, columns]) == side
+            if here.any():
+                panel.plot(
+                    self.time[rows[here]], np.full(int(here.sum()), 0.97 * side * limit), marker,
+                    color=self.theme.truth, markersize=7, zorder=5, label=label,
+                )  # fmt: skip
+                label = "_"  # said once
 
     def errors(self, panel: Axes) -> None:
         truth = np.asarray(self.track.truth)
@@ -203,17 +222,16 @@ class _Picture:
         speed = np.linalg.norm(self.estimates.velocity, axis=1)
         spread = np.linalg.norm(self.estimates.velocity_std, axis=1) / np.sqrt(2.0)
         known = self.estimates.ready
-        time, speed, spread = self._thin(
-            self.time, *(np.where(known, each, np.nan) for each in (speed, spread))
-        )
+        whole, spread = (np.where(known, each, np.nan) for each in (speed, spread))
+        time, speed, spread = self._thin(self.time, whole, spread)
         low, high = np.maximum(speed - 2 * spread, 0.0), speed + 2 * spread
         panel.fill_between(
             time, low, high, color=self.theme.raw, alpha=0.4, linewidth=0, label="2 std", **self.pixels
         )
         panel.plot(time, speed, color=self.theme.filtered, linewidth=1, label="speed", **self.pixels)
-        panel.set_ylim(
-            0, 1.1 * float(np.nanquantile(speed + spread, 0.999)) if np.isfinite(speed).any() else 1.0
-        )
+        limit = 1.1 * float(np.nanquantile(speed + spread, 0.999)) if np.isfinite(speed).any() else 1.0
+        panel.set_ylim(0, limit)
+        self._outside(panel, whole[:, None], limit)
         self._over_time(panel, "Estimated speed", "m/s")
 
     def moved(self, panel: Axes) -> None:

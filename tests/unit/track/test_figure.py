@@ -91,3 +91,34 @@ def test_a_page_escapes_what_it_says(tmp_path):
     page = (tmp_path / "a.html").read_text()
     assert "&lt;a &amp; b&gt;.csv" in page
     assert "line 3 (&lt;b&gt;)" in page
+
+
+def marked(panel):
+    return [line for line in panel.lines if line.get_marker() in ("^", "v")]
+
+
+@pytest.mark.parametrize("rows", [3000, 50_000])
+def test_values_that_a_panel_is_too_small_for_are_marked_at_its_edge_and_counted(rows):
+    track = example(rows)
+    track.position[[1501, 2201]] += [[500.0, 0.0], [-500.0, 0.0]]
+    panels = drawn(track, Motion(1, 8, q=0.01, r=9.0))
+    for panel in panels[2:]:
+        low, high = panel.get_ylim()
+        drawn_at = np.concatenate([line.get_ydata() for line in marked(panel)])
+        assert all(min(abs(each - low), abs(each - high)) < 0.05 * high for each in drawn_at)
+        said = [text.get_text() for text in panel.get_legend().get_texts()]
+        assert sum("outside" in each for each in said) == 1
+    times = np.concatenate([line.get_xdata() for line in marked(panels[2])])
+    scale = (rows - 1) / drawn_time(panels[2])
+    assert {1501, 2201} <= set(np.rint(times * scale).astype(int).tolist())
+
+
+def drawn_time(panel):
+    """The last time that is drawn, in the unit of the panel."""
+    return max(np.nanmax(line.get_xdata()) for line in panel.lines)
+
+
+def test_a_panel_that_shows_everything_marks_nothing():
+    seconds = np.arange(200.0)
+    track = recorded(seconds, noisy(np.random.default_rng(1), seconds, 0.0))
+    assert marked(drawn(track, Motion(1, 8, r=9.0))[2]) == []
