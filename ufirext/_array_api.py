@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ._arrays import unmasked
+from ._arrays import require_real, unmasked
 from .errors import NonFiniteError, ShapeError, UfirextError
 
 __all__ = ["Space", "is_native"]
@@ -196,6 +196,7 @@ def _native(value: Any, name: str) -> np.ndarray[Any, Any]:
     try:
         array = np.asarray(unmasked(value)[0])
         if array.dtype == object:
+            require_real(array)
             array = array.astype(float)  # None is NaN, that is: missing
     except (TypeError, ValueError) as error:
         raise ShapeError(f"{name} must be an array of real numbers, got {value!r:.80}") from error

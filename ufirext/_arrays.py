@@ -18,12 +18,15 @@ Shape = tuple[int | None, ...]
 
 FLOAT = np.dtype(float)
 
+# What NumPy makes a float of and is none; None it makes a NaN.
+NO_NUMBERS = (str, bytes, complex, np.complexfloating, np.datetime64, np.timedelta64)
+
 # A covariance may miss positive semidefiniteness by rounding: this fraction of its largest entry.
 PSD_SLACK = 1e-9
 
 
 def real(value: ArrayLike, name: str) -> Array:
-    """A fresh float64 array; complex, text, ragged and masked input are refused."""
+    """A fresh float64 array; complex, text, times, ragged and masked input are refused."""
     if value.__class__ is np.ndarray and value.dtype == float:
         return value.copy()
     return _numbers(without_mask(value, name), name)
@@ -61,6 +64,13 @@ def masked_constant() -> Any:
     return None if ma is None else ma.masked
 
 
+def require_real(raw: np.ndarray[Any, Any]) -> None:
+    """Raise a TypeError unless the entries are real numbers: NumPy reads text, and takes times for counts."""
+    kinds = set(map(type, raw.ravel().tolist())) if raw.dtype.kind == "O" else ()
+    if raw.dtype.kind in "cmMSTU" or any(issubclass(kind, NO_NUMBERS) for kind in kinds):
+        raise TypeError("complex numbers, times or text")
+
+
 def without_mask(value: Any, name: str) -> Any:
     """`value` where a mask says nothing; one with masked entries is refused."""
     plain, hidden = unmasked(value)
@@ -74,11 +84,22 @@ def without_mask(value: Any, name: str) -> Any:
 def _numbers(value: Any, name: str) -> Array:
     try:
         raw = np.asarray(value)
-        if np.iscomplexobj(raw):
-            raise TypeError("complex")
+        require_real(raw)
         return np.array(raw, dtype=float)
     except (TypeError, ValueError) as error:
         raise ShapeError(f"{name} must be an array of real numbers, got {value!r:.80}") from error
+
+
+def number(value: Any, name: str) -> float:
+    """One real number, NaN and infinities included, as a float."""
+    if value.__class__ is float:
+        return float(value)
+    try:
+        if value is None or np.ndim(value):
+            raise TypeError("none, or several")
+        return float(real(value, name))
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name} must be a number, got {value!r:.80}") from error
 
 
 def finite(array: Array, name: str) -> Array:

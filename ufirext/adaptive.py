@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
-from ._arrays import Array, integer, readings
+from ._arrays import Array, integer, number, readings
 from .errors import HorizonError, NonFiniteError, ShapeError
 from .gains import least_squares
 from .model import Model
@@ -195,10 +195,11 @@ class HorizonBank:
             raise HorizonError(
                 f"candidates must be ascending horizons, at least one, got {tuple(candidates)}"
             )
+        forgetting = number(forgetting, "forgetting")
         if not 0.0 < forgetting < 1.0:
             raise HorizonError(f"forgetting must lie between 0 and 1, got {forgetting!r}")
         self.candidates = sizes
-        self.forgetting = float(forgetting)
+        self.forgetting = forgetting
         self._sums = np.zeros(len(sizes))
         self._counts = np.zeros(len(sizes))
         # The middle one until there is evidence: neither deadbeat nor sluggish.

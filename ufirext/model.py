@@ -9,7 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._arrays import Array, check_covariance, covariance, finite, integer, matrix, readonly, real, square
+from ._arrays import (
+    Array,
+    check_covariance,
+    covariance,
+    finite,
+    integer,
+    matrix,
+    number,
+    readonly,
+    real,
+    square,
+)
 from .errors import ShapeError, UfirextError
 
 __all__ = ["Model", "discretise", "kinematic"]
@@ -81,9 +92,7 @@ class Model:
         values["B"] = None if B is None else matrix(_as_columns(B), (size, None), "B", "(dim_x, dim_u)")
         for name, value in values.items():
             object.__setattr__(self, name, value if value is None else readonly(value))
-        if dt is not None and not (math.isfinite(dt) and dt > 0):
-            raise UfirextError(f"dt must be a positive number of seconds, got {dt!r}")
-        object.__setattr__(self, "dt", None if dt is None else float(dt))
+        object.__setattr__(self, "dt", None if dt is None else _seconds(dt))
 
     @property
     def dim_x(self) -> int:
@@ -132,6 +141,13 @@ def _as_columns(B: ArrayLike) -> Array:
     return array.reshape(-1, 1) if array.ndim < 2 else array
 
 
+def _seconds(dt: float) -> float:
+    seconds = number(dt, "dt")
+    if not 0.0 < seconds < math.inf:
+        raise UfirextError(f"dt must be a positive number of seconds, got {seconds}")
+    return seconds
+
+
 def kinematic(order: int, dim: int, dt: float, *, q: float = 1.0, r: float = 1.0) -> Model:
     """Constant position, velocity or acceleration in `dim` axes.
 
@@ -169,10 +185,9 @@ def kinematic(order: int, dim: int, dt: float, *, q: float = 1.0, r: float = 1.0
     """
     order = integer(order, "order", 0, 2)
     dim = integer(dim, "dim", 1)
-    if not (math.isfinite(dt) and dt > 0):
-        raise UfirextError(f"dt must be a positive number of seconds, got {dt!r}")
+    dt = _seconds(dt)
     for name, value in (("q", q), ("r", r)):
-        if not (math.isfinite(value) and value >= 0):
+        if not 0.0 <= number(value, name) < math.inf:
             raise UfirextError(f"{name} must be a finite number, not negative, got {value!r}")
     size = order + 1
     axis = np.array(
@@ -225,8 +240,7 @@ def discretise(A: ArrayLike, G: ArrayLike, Qc: ArrayLike, dt: float) -> tuple[Ar
     """
     from scipy.linalg import expm
 
-    if not (math.isfinite(dt) and dt > 0):
-        raise UfirextError(f"dt must be a positive number of seconds, got {dt!r}")
+    dt = _seconds(dt)
     drift = real(A, "A")
     size = drift.shape[0] if drift.ndim == 2 else 1
     drift = matrix(drift, (size, size), "A", "(dim_x, dim_x)")

@@ -164,6 +164,9 @@ def test_refusals():
         lazily(PLANE, measured(100), 25, chunks=10)
     with pytest.raises(UfirextError, match="longest_delay must be given"):
         lazily(PLANE, measured(100), 5, delays=da.zeros(100, dtype=int))
+    for zs in (np.zeros((100, 2), "M8[s]"), [["1", "2"]] * 100, da.zeros((100, 2), dtype="m8[s]")):
+        with pytest.raises(ShapeError, match="zs must be an array of real numbers"):
+            lazily(PLANE, zs, 5)
     with pytest.raises(ShapeError, match="must begin with the axes"):
         lazily(PLANE, measured(100), 5, delays=np.zeros(99, int))
 

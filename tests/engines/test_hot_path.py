@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.strategies import seeds
-from ufirext import UFIRFilter, kinematic
+from ufirext import DelayHInfinityFilter, DelayKalmanFilter, FMSFilterSmoother, UFIRFilter, kinematic
 
 PUBLISHED = ("x", "P", "x_prior", "P_prior", "x_post", "P_post", "y", "K", "S", "z", "R", "log_likelihood")
 
@@ -64,3 +64,44 @@ def test_a_measurement_that_is_none_is_refused_with_reasons_and_nothing_lost(axe
             f.update(wrong)
         f.update(np.full(axes, 12.0))
         np.testing.assert_allclose(f.x[::2].ravel(), 12.0)
+
+
+NO_NUMBERS = {
+    "text": "4",
+    "bytes": b"4",
+    "NumPy's text": np.str_("4"),
+    "no time": np.datetime64("NaT"),
+    "no time in ns": np.datetime64("NaT", "ns"),
+    "a time": np.datetime64("2026-01-01", "ns"),
+    "a duration": np.timedelta64(4, "ns"),
+}
+
+
+@pytest.mark.parametrize("steps", [0, 1, 12])
+@pytest.mark.parametrize("packed", ["alone", "list", "array", "column"])
+@pytest.mark.parametrize("kind", NO_NUMBERS)
+@pytest.mark.parametrize("make", [UFIRFilter, FMSFilterSmoother, DelayKalmanFilter, DelayHInfinityFilter])
+def test_text_and_times_are_no_measurements_on_any_path(make, kind, packed, steps):
+    model, wrong = kinematic(1, 1, 0.5), NO_NUMBERS[kind]
+    f = make(2, 1, **({"horizon": 6} if make in (UFIRFilter, FMSFilterSmoother) else {}))
+    f.F, f.H, f.Q, f.R = model.F, model.H, model.Q, model.R
+    for step in range(steps):
+        f.predict()
+        f.update(float(step))
+    f.predict()
+    z = {"alone": wrong, "list": [wrong], "array": np.array([wrong]), "column": np.array([[wrong]])}[packed]
+    with pytest.raises(ValueError, match="z must"):
+        f.update(z)
+
+
+@pytest.mark.parametrize("kind", [*"?bBhHiIlLqQefdg", int, float, bool])
+@pytest.mark.parametrize("packed", [True, False])
+def test_every_kind_of_number_is_a_measurement_and_means_the_same(kind, packed):
+    hot, plain = configured(6, 1, 1), configured(6, 1, 1)
+    for step in range(20):
+        for f in (hot, plain):
+            f.predict()
+        z = np.array([step % 2], dtype=kind) if packed or isinstance(kind, str) else kind(step % 2)
+        hot.update(z if packed else z[0] if isinstance(z, np.ndarray) else z)
+        plain.update(float(step % 2))
+        np.testing.assert_array_equal(hot.x, plain.x)

@@ -335,6 +335,9 @@ class TestRefusals:
             fleet.step([[1.0, np.inf], [0.0, 0.0], [0.0, 0.0]])
         with pytest.raises(ShapeError, match="Z must hold float32"):
             fleet.step(np.zeros((3, 2), dtype=complex))
+        for wrong in ("1", b"1", np.datetime64("NaT"), np.timedelta64(1, "ns")):
+            with pytest.raises(UfirextError, match="Z must"):
+                fleet.step([[1.0, wrong], [0.0, None], [0.0, 0.0]])
         assert fleet.ticks == 0, "a refused tick did not happen"
 
     @pytest.mark.parametrize("delay", [1.0, [1, 2], [[0, 0, 0]], -1, [0, -2, 0]])

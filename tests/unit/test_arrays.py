@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import datetime
+from decimal import Decimal
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,12 +20,29 @@ from ufirext._arrays import (
     finite,
     integer,
     matrix,
+    number,
     readings,
     readonly,
     real,
     square,
     symmetric,
 )
+
+
+@pytest.mark.parametrize(
+    "value", [1, 2.5, np.float32(2.5), np.array(2.5), np.array(3, dtype=object), Decimal(3), np.True_]
+)
+def test_number_is_one_number(value):
+    assert type(number(value, "q")) is float
+    assert number(value, "q") == value
+
+
+@pytest.mark.parametrize(
+    "value", ["1", b"1", None, [1.0], np.ones((1, 1)), 1j, np.timedelta64(1, "ns"), np.ma.masked]
+)
+def test_number_refuses_everything_else(value):
+    with pytest.raises(ShapeError, match="q must be a number, got"):
+        number(value, "q")
 
 
 @pytest.mark.parametrize("value", [1, [1, 2], [[1], [2]], np.array([True]), np.float32(2.5), [[]]])
@@ -31,12 +52,40 @@ def test_real_makes_a_fresh_float64_array(value):
     np.testing.assert_array_equal(array, np.asarray(value, dtype=float))
 
 
+def test_objects_that_are_numbers_and_none_stay_what_they_were():
+    mixed = [None, 1, 2.5, Fraction(1, 2), Decimal(3)]
+    np.testing.assert_array_equal(real(mixed, "A"), [np.nan, 1, 2.5, 0.5, 3])
+    np.testing.assert_array_equal(real(np.array([[1, 2.5]], dtype=object), "A"), [[1.0, 2.5]])
+    np.testing.assert_array_equal(real([[True, np.int8(3)]], "A"), [[1.0, 3.0]])
+
+
 def test_real_never_shares_memory_with_the_caller():
     mine = np.zeros(3)
     assert not np.shares_memory(real(mine, "A"), mine)
 
 
-@pytest.mark.parametrize("value", [1j, [1 + 0j], "text", [[1], [2, 3]], {"a": 1}, [object()]])
+NO_NUMBERS = [
+    "4",
+    b"4",
+    ["1", "2"],
+    [1.0, "2"],
+    [None, "2"],
+    np.array([1.0, b"2"], dtype=object),
+    np.str_("4"),
+    np.datetime64("NaT"),
+    np.datetime64("2026-01-01", "ns"),
+    np.timedelta64(4, "ns"),
+    np.array(["2026-01-01"], dtype="datetime64[ns]"),
+    np.array([4], dtype="timedelta64[s]"),
+    [1.0, np.datetime64("NaT")],
+    [None, np.timedelta64(4, "ns")],
+    [1, np.timedelta64(4, "ns")],
+    datetime.timedelta(seconds=4),
+    [1.0, np.complex128(2.0), None],
+]
+
+
+@pytest.mark.parametrize("value", [1j, [1 + 0j], "text", [[1], [2, 3]], {"a": 1}, [object()], *NO_NUMBERS])
 def test_real_refuses_what_is_no_array_of_real_numbers(value):
     with pytest.raises(ShapeError, match="A must be an array of real numbers, got"):
         real(value, "A")

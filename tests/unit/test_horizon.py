@@ -174,6 +174,11 @@ def test_forgetting_lies_between_nothing_and_everything(forgetting):
         HorizonBank((3, 4), forgetting)
 
 
+def test_forgetting_is_a_number():
+    with pytest.raises(ShapeError, match=r"forgetting must be a number, got '0\.9'"):
+        HorizonBank((3, 4), "0.9")
+
+
 def test_without_evidence_the_middle_candidate_stays():
     bank = HorizonBank((3, 5, 9))
     assert bank.best == 5

@@ -84,6 +84,9 @@ def test_the_arrays_are_copies_and_read_only(name):
             "dt must be a positive number of seconds, got 0.0",
         ),
         ({"F": RAMP, "H": [[1, 0]], "dt": np.inf}, UfirextError, "dt must be a positive number"),
+        ({"F": RAMP, "H": [[1, 0]], "dt": "1"}, ShapeError, "dt must be a number, got '1'"),
+        ({"F": RAMP, "H": [[1, 0]], "dt": [1.0]}, ShapeError, r"dt must be a number, got \[1.0\]"),
+        ({"F": RAMP, "H": [[1, 0]], "R": "4"}, ShapeError, "R must be an array of real numbers, got '4'"),
         ({"F": "ramp", "H": [[1, 0]]}, ShapeError, "F must be an array of real numbers, got 'ramp'"),
     ],
 )
@@ -138,6 +141,8 @@ def test_a_kinematic_model_is_its_continuous_one_discretised(order, dim):
         ((1, 0, 1.0), "dim must be at least 1, got 0"),
         ((1, 1, -1.0), "dt must be a positive number of seconds, got -1.0"),
         ((1, 1, np.nan), "dt must be a positive number of seconds, got nan"),
+        ((1, 1, "1"), "dt must be a number, got '1'"),
+        ((1, 1, np.timedelta64(1, "ns")), "dt must be a number, got"),
     ],
 )
 def test_a_kinematic_model_refuses_what_it_cannot_be(arguments, message):

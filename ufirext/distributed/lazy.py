@@ -150,8 +150,11 @@ def _dask() -> Any:
 
 
 def _as_lazy(da: Any, zs: Any, model: Model) -> Any:
-    plain = zs if isinstance(zs, da.Array) else unmasked(zs)[0]
-    array = plain if isinstance(plain, da.Array | np.ndarray) else real(plain, "zs")
+    array = zs if isinstance(zs, da.Array) else unmasked(zs)[0]
+    if not isinstance(array, da.Array | np.ndarray):
+        array = real(array, "zs")
+    if array.dtype.kind in "cmMSTU":
+        raise ShapeError(f"zs must be an array of real numbers, got {array.dtype}")
     if array.ndim == 1 and model.dim_z == 1:
         array = array[:, None]
     if array.ndim not in (2, 3) or array.shape[-1] != model.dim_z:

@@ -54,6 +54,8 @@ def _intake_one(buffer: Buffer) -> Intake:
         try:
             if kind is ARRAY:
                 value = z.item() if z.ndim < 3 else np.inf
+                if value.__class__ is not float and z.dtype.kind not in "iub":
+                    return False  # a time, which is an int inside
             else:
                 value = z if kind is float else NUMBERS[kind](z)
             if value - value != 0.0:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import Array, number
 from ..channels import Channel
 from ..channels.effective import at_block
 from ..diagnostics import WorstCase, worst_case_gain
@@ -222,10 +222,7 @@ class RobustState(LiftedState):
 
 def checked_theta(value: object, name: str = "theta") -> float:
     """A finite number that is not negative."""
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError) as error:
-        raise UfirextError(f"{name} must be a number, got {value!r}") from error
-    if not (np.isfinite(number) and number >= 0.0):
+    theta = number(value, name)
+    if not 0.0 <= theta < np.inf:
         raise UfirextError(f"{name} must be a finite number, not negative, got {value!r}")
-    return number
+    return theta
