@@ -112,6 +112,7 @@ class Records:
         self.after: Array | None = None  # edits of x since the last row of this step
         # Sliding maximum of the rows' information, and where in the window it counts; None: to be made.
         self.peaks: deque[tuple[int, float]] | None = None
+        self.least = len(first_F) * NEGLIGIBLE  # of the maximum: what has more cannot be negligible
 
     def advance(self, F: Array, Q: Array, known: Array | None) -> None:
         """One predict()."""
@@ -166,9 +167,11 @@ class Records:
         bound, information = self.now - limits.horizon, row.information
         while peaks and peaks[0][0] <= bound:
             peaks.popleft()
-        if peaks and information < len(row.H.T) * NEGLIGIBLE * peaks[0][1] and self._drowned(row, limits):
+        if peaks and information < self.least * peaks[0][1] and self._drowned(row, limits):
             return True
-        _heap_up(peaks, _key(row, limits), information)
+        while peaks and peaks[-1][1] <= information:  # as _heap_up, which a hot path can do without
+            peaks.pop()
+        peaks.append((row.arrival if limits.by_arrival else row.origin, information))
         return False
 
     def _drowned(self, row: Row, limits: Limits) -> bool:
