@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ._arrays import require_real, unmasked
+from ._arrays import require_real, shown, unmasked
 from .errors import NonFiniteError, ShapeError, UfirextError
 
 __all__ = ["Space", "is_native"]
@@ -198,8 +198,10 @@ def _native(value: Any, name: str) -> np.ndarray[Any, Any]:
         if array.dtype == object:
             require_real(array)
             array = array.astype(float)  # None is NaN, that is: missing
+    except OverflowError as error:
+        raise NonFiniteError(f"{name} must be numbers below 1.8e308, got {shown(value)}") from error
     except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name} must be an array of real numbers, got {value!r:.80}") from error
+        raise ShapeError(f"{name} must be an array of real numbers, got {shown(value)}") from error
     if array.dtype.kind not in "fiub" or array.dtype == np.float16:
         raise ShapeError(f"{name} must hold float32, float64 or integers, got {array.dtype}")
     return array

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ._lapack import Array as Array
 from ._lapack import is_positive_definite
-from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError
+from .errors import CovarianceError, HorizonError, NonFiniteError, ShapeError, UfirextError
 
 Shape = tuple[int | None, ...]
 
@@ -86,8 +87,20 @@ def _numbers(value: Any, name: str) -> Array:
         raw = np.asarray(value)
         require_real(raw)
         return np.array(raw, dtype=float)
+    except OverflowError as error:
+        raise NonFiniteError(f"{name} must be numbers below 1.8e308, got {shown(value)}") from error
     except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name} must be an array of real numbers, got {value!r:.80}") from error
+        raise ShapeError(f"{name} must be an array of real numbers, got {shown(value)}") from error
+
+
+def shown(value: Any) -> str:
+    """The beginning of `value` as Python writes it."""
+    if isinstance(value, int) and value.bit_length() > 1024:
+        return f"an int of {value.bit_length()} bits"
+    try:
+        return f"{value!r:.80}"
+    except ValueError:  # so large an int inside
+        return f"a {type(value).__name__} of numbers that are too large"
 
 
 def number(value: Any, name: str) -> float:
@@ -99,7 +112,7 @@ def number(value: Any, name: str) -> float:
             raise TypeError("none, or several")
         return float(real(value, name))
     except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name} must be a number, got {value!r:.80}") from error
+        raise ShapeError(f"{name} must be a number, got {shown(value)}") from error
 
 
 def finite(array: Array, name: str) -> Array:
@@ -220,8 +233,25 @@ def integer(value: Any, name: str, lowest: int, highest: int | None = None, advi
         raise HorizonError(f"{name} must be an integer, got {value!r}{tail}") from error
     if number < lowest or (highest is not None and number > highest):
         wanted = f"at least {lowest}" if highest is None else f"between {lowest} and {highest}"
-        raise HorizonError(f"{name} must be {wanted}, got {number}{tail}")
+        raise HorizonError(f"{name} must be {wanted}, got {shown(number)}{tail}")
     return number
+
+
+def require_counts(array: np.ndarray[Any, Any], name: str) -> None:
+    """Raise unless the integers of `array` are at least 0 and fit into int64, where unsigned ones may not."""
+    if not array.size:
+        return
+    lowest, highest, limit = int(array.min()), int(array.max()), np.iinfo(np.int64).max
+    if lowest < 0:
+        raise HorizonError(f"{name} must be at least 0, got {lowest}")
+    if highest > limit:
+        raise HorizonError(f"{name} must be at most {limit}, got {highest}")
+
+
+def one_of(value: Any, allowed: Sequence[str], name: str) -> None:
+    """Raise unless `value` is one of the words allowed."""
+    if not isinstance(value, str) or value not in allowed:
+        raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r:.80}")
 
 
 def symmetric(array: Array) -> Array:

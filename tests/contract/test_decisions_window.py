@@ -7,6 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
+from ufirext import HorizonError, UfirextError, UFIRFilter
+
 from .models import constant_velocity, flat, plane, run, vector, walk
 from .naive import BookKalman, Row, extended, window_estimate
 
@@ -238,3 +240,36 @@ def test_once_ready_the_common_scale_of_R_cannot_change_x(ufir, column, rng, sca
         twin.update(z, R=twin.R * (1 + n % 3))
         if n:
             np.testing.assert_allclose(f.x, twin.x, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"missing": "drop"}, "missing must be one of 'extend', 'skip', 'predict', got 'drop'"),
+        ({"missing": np.array(["extend", "skip"])}, "missing must be one of 'extend'"),
+        ({"window": np.array(["arrivals", "origins"])}, "window must be one of 'arrivals'"),
+        ({"horizon": np.array([5, 6])}, r"horizon must be an integer, got array\(\[5, 6\]\)"),
+        ({"horizon": np.array(["auto", "auto"])}, "horizon must be an integer, got array"),
+        ({"horizon": -(10**5000)}, "horizon must be at least 1, got an int of 16610 bits"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(UfirextError, match=message):
+        UFIRFilter(2, 1, **options)
+
+
+@pytest.mark.parametrize("missing", ["extend", "skip", "predict"])
+@pytest.mark.parametrize("horizon", [10**13, 10**20, 10**400], ids=["long", "longer", "longest"])
+def test_a_window_beyond_any_memory_is_refused_with_its_size(horizon, missing):
+    with pytest.raises(HorizonError, match=r"horizon must be a window that fits into memory, got .* GiB"):
+        UFIRFilter(2, 1, horizon=horizon, missing=missing)
+    f = constant_velocity(UFIRFilter, horizon=5, missing=missing)
+    twin = constant_velocity(UFIRFilter, horizon=5, missing=missing)
+    for n in range(20):
+        if n in (0, 3, 12):
+            with pytest.raises(HorizonError, match="fits into memory"):
+                f.horizon = horizon
+        run(f, [float(n)])
+        run(twin, [float(n)])
+        np.testing.assert_array_equal(f.x, twin.x)
+    assert f.horizon == 5

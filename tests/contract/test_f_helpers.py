@@ -143,6 +143,15 @@ def test_alpha_is_one_and_may_be_raised(make):
     assert f.alpha == pytest.approx(1.02)
 
 
+@pytest.mark.contract(47, better=True)
+@pytest.mark.parametrize("alpha", ["1", None, [1.0], 1j, np.nan, np.inf, 10**400, np.ma.masked])
+def test_alpha_is_a_number(make, alpha):
+    f = constant_velocity(make)
+    with pytest.raises(ValueError, match="alpha must be a"):
+        f.alpha = alpha
+    assert f.alpha == 1.0
+
+
 @pytest.mark.contract(47)
 @pytest.mark.parametrize("alpha", [0.99, 0, -1.0])
 def test_alpha_below_one_is_refused(make, alpha):

@@ -74,6 +74,7 @@ NO_NUMBERS = {
     "no time in ns": np.datetime64("NaT", "ns"),
     "a time": np.datetime64("2026-01-01", "ns"),
     "a duration": np.timedelta64(4, "ns"),
+    "too large": 10**400,
 }
 
 

@@ -320,8 +320,9 @@ class TestRefusals:
             Fleet(PLANE, 1, 3)
         with pytest.raises(HorizonError, match="horizon must be"):
             Fleet(PLANE, "adaptive", 3)
-        with pytest.raises(UfirextError, match="missing must be one of"):
-            Fleet(PLANE, 5, 3, missing="predict")
+        for missing in ("predict", np.array(["extend", "skip"])):
+            with pytest.raises(UfirextError, match="missing must be one of"):
+                Fleet(PLANE, 5, 3, missing=missing)
         with pytest.raises(UfirextError, match=r"model must be a ufirext\.Model"):
             Fleet("plane", 5, 3)
         with pytest.raises(HorizonError, match="tracks must be at least 0"):
@@ -335,12 +336,14 @@ class TestRefusals:
             fleet.step([[1.0, np.inf], [0.0, 0.0], [0.0, 0.0]])
         with pytest.raises(ShapeError, match="Z must hold float32"):
             fleet.step(np.zeros((3, 2), dtype=complex))
-        for wrong in ("1", b"1", np.datetime64("NaT"), np.timedelta64(1, "ns")):
+        for wrong in ("1", b"1", np.datetime64("NaT"), np.timedelta64(1, "ns"), 10**400):
             with pytest.raises(UfirextError, match="Z must"):
                 fleet.step([[1.0, wrong], [0.0, None], [0.0, 0.0]])
         assert fleet.ticks == 0, "a refused tick did not happen"
 
-    @pytest.mark.parametrize("delay", [1.0, [1, 2], [[0, 0, 0]], -1, [0, -2, 0]])
+    @pytest.mark.parametrize(
+        "delay", [1.0, [1, 2], [[0, 0, 0]], -1, [0, -2, 0], np.uint64(2**63), [0, 2**63, 1]]
+    )
     def test_delays(self, delay):
         with pytest.raises(HorizonError, match="delay must be"):
             Fleet(PLANE, 5, 3).step(np.zeros((3, 2)), delay)

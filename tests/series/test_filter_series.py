@@ -181,6 +181,34 @@ def test_series_shorter_than_a_window(steps):
     assert_same(estimate, filter_series(model, zs, 10, engine="stepwise"))
 
 
+@pytest.mark.parametrize("engine", ["auto", "toeplitz", "scan", "stepwise"])
+@pytest.mark.parametrize("changes", [{}, {"lag": 3}, {"noise": (0.1, 2.0)}, {"prior": ([0.0, 0.0], 9.0)}])
+def test_a_window_that_is_never_full_may_be_of_any_length(engine, changes):
+    """Nothing is worked out for rows that do not exist: these horizons are beyond any memory."""
+    model = kinematic(1, 1, 0.1)
+    if engine == "scan" and "lag" in changes and "noise" in changes:
+        return
+    zs = measured(model, 40)
+    if engine != "toeplitz":
+        zs[10:13] = np.nan
+    reference = filter_series(model, zs, 60, engine=engine, **changes)
+    long = filter_series(model, zs, 10**13, engine=engine, **changes)
+    assert long.horizon == 10**13
+    np.testing.assert_array_equal(long.ready, reference.ready)
+    np.testing.assert_allclose(long.x, reference.x, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(long.P, reference.P, rtol=1e-9, atol=1e-12)
+
+
+def test_late_rows_in_a_window_that_is_never_full():
+    model, delays = kinematic(1, 1, 0.1), np.arange(40) % 3
+    zs = measured(model, 40)
+    for delays[20], window in ((1, "arrivals"), (1, "origins"), (30, "arrivals"), (30, "origins")):
+        options = {"delays": delays, "window": window}
+        long, reference = (filter_series(model, zs, horizon, **options) for horizon in (10**13, 100))
+        np.testing.assert_array_equal(long.ready, reference.ready)
+        np.testing.assert_allclose(long.x, reference.x, rtol=1e-10, atol=1e-10)
+
+
 def test_no_series_at_all():
     estimate = filter_series(kinematic(1, 1, 0.1), np.zeros((0, 30, 1)), 10)
     assert estimate.x.shape == (0, 30, 2)
@@ -282,6 +310,10 @@ def test_plans_are_shared_and_say_what_they_do():
         ({"zs": np.zeros((3, 2), "m8[s]")}, ShapeError, "zs must be an array of real numbers"),
         ({"horizon": 1}, UnobservableWindow, "shortest horizon that works is 2"),
         ({"horizon": 0}, ValueError, "horizon must be at least 1"),
+        ({"horizon": np.array([5, 6])}, ValueError, "horizon must be an integer"),
+        ({"missing": np.array(["extend", "skip"])}, UfirextError, "missing must be one of"),
+        ({"engine": np.array(["auto", "scan"])}, UfirextError, "engine must be one of"),
+        ({"zs": [[1.0, 10**400]]}, NonFiniteError, "zs must be numbers below"),
         ({"lag": 10}, ValueError, "lag must be between 0 and 9"),
         ({"engine": "fast"}, UfirextError, "engine must be one of 'auto'"),
         ({"window": "all"}, UfirextError, "window must be one of 'arrivals'"),
@@ -289,7 +321,13 @@ def test_plans_are_shared_and_say_what_they_do():
         ({"missing": "skip", "noise": (1.0, 1.0)}, UfirextError, 'needs missing="extend"'),
         ({"delays": [1, 0, 0], "noise": (1.0, 1.0)}, UfirextError, 'needs window="origins"'),
         ({"delays": [0.5, 0, 0]}, ValueError, "delays must be integers"),
-        ({"delays": [-1, 0, 0]}, ValueError, "delays must not be negative"),
+        ({"delays": [-1, 0, 0]}, ValueError, "delays must be at least 0, got -1"),
+        (
+            {"delays": np.full(3, 2**63, "u8")},
+            ValueError,
+            "delays must be at most 9223372036854775807, got 9223",
+        ),
+        ({"delays": [0, 2**70, 0]}, ValueError, "delays must be integers"),
         ({"delays": [1, 0]}, ShapeError, r"delays must have shape \(3,\)"),
         ({"us": [[1.0]] * 3}, ShapeError, "needs a model with an input matrix B"),
         ({"prior": 3.0}, UfirextError, r"prior must be a pair \(x, P\)"),

@@ -21,6 +21,7 @@ from ufirext._arrays import (
     integer,
     matrix,
     number,
+    one_of,
     readings,
     readonly,
     real,
@@ -57,6 +58,23 @@ def test_objects_that_are_numbers_and_none_stay_what_they_were():
     np.testing.assert_array_equal(real(mixed, "A"), [np.nan, 1, 2.5, 0.5, 3])
     np.testing.assert_array_equal(real(np.array([[1, 2.5]], dtype=object), "A"), [[1.0, 2.5]])
     np.testing.assert_array_equal(real([[True, np.int8(3)]], "A"), [[1.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    "value",
+    [10**400, -(10**5000), [1.0, 10**5000], Decimal("1e400"), Fraction(10**400)],
+    ids=["large", "larger", "in a list", "decimal", "fraction"],
+)
+def test_numbers_beyond_float64_are_refused(value):
+    with pytest.raises(NonFiniteError, match=r"A must be (numbers below|finite)"):
+        finite(real(value, "A"), "A")
+
+
+def test_a_word_is_one_of_those_allowed():
+    one_of("skip", ("extend", "skip"), "missing")
+    for wrong in ("drop", None, ["skip"], np.array(["skip", "extend"]), np.array("skip")):
+        with pytest.raises(UfirextError, match="missing must be one of 'extend', 'skip', got"):
+            one_of(wrong, ("extend", "skip"), "missing")
 
 
 def test_real_never_shares_memory_with_the_caller():

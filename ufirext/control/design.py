@@ -124,7 +124,7 @@ def _design(plant: Plant, model: Model, root: Array, horizon: int, lag: int, for
 
 def ufir_horizon(plant: Plant, horizon: int | str, QN: ArrayLike | None, RN: ArrayLike | None) -> int:
     """The horizon asked for, or with "auto" the best one under QN and RN."""
-    if horizon == "auto":
+    if isinstance(horizon, str) and horizon == "auto":
         if QN is None or RN is None:
             raise ct.ControlArgument(
                 'horizon="auto" weighs process against measurement noise: give QN and RN'

@@ -165,7 +165,7 @@ class _Tilting:
 
 
 def _checked_theta(theta: float | str) -> float | None:
-    if theta == "auto":
+    if isinstance(theta, str) and theta == "auto":
         return None
     if not isinstance(theta, str) and 0.0 <= theta < np.inf:
         return float(theta)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, integer
+from .._arrays import Array, integer, one_of
 from ..engines.records import Limits
 from ..errors import UfirextError
 from ..gains import observability_index
@@ -202,8 +202,7 @@ def checked(
             'missing must be "extend" or "skip" for parts of a series, got "predict": that feeds the filter '
             "its own output, which remembers everything"
         )
-    if options["beyond"] not in BEYOND:
-        raise UfirextError(f"beyond must be one of {', '.join(map(repr, BEYOND))}, got {options['beyond']!r}")
+    one_of(options["beyond"], BEYOND, "beyond")
     chosen = chosen_horizon(model, horizon)
     lag = integer(options["lag"], "lag", 0, chosen - 1)
     delay = integer(options["longest_delay"], "longest_delay", 0)

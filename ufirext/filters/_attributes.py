@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array
+from .._arrays import Array, number
+from ..errors import UfirextError
 from ._state import FilterState
 from ._update import LOG_SMALLEST
 
@@ -105,10 +106,11 @@ class Attributes:
 
     @alpha.setter
     def alpha(self, value: float) -> None:
-        if np.ndim(value) or not 1 <= value < math.inf:
-            raise ValueError(f"alpha must be a finite number of at least 1, got {value!r}")
+        alpha = number(value, "alpha")
+        if not 1.0 <= alpha < math.inf:
+            raise UfirextError(f"alpha must be a finite number of at least 1, got {alpha}")
         self._state.settle()
-        self._state.fading = float(value) ** 2
+        self._state.fading = alpha**2
 
     # -- the last step ---------------------------------------------------------------------------------------
 

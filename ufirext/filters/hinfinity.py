@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, integer
+from .._arrays import Array, integer, one_of
 from ..channels import Channel
 from ..diagnostics import Guarantee, WorstCase
 from ..errors import UfirextError
@@ -114,9 +114,8 @@ class DelayHInfinityFilter(LateFilter):
     ) -> None:
         dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
         dim_u = integer(dim_u, "dim_u", 0)
-        for name, value, allowed in (("form", form, FORMS), ("on_violation", on_violation, ON_VIOLATION)):
-            if value not in allowed:
-                raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+        one_of(form, FORMS, "form")
+        one_of(on_violation, ON_VIOLATION, "on_violation")
         if not 0.0 < checked_theta(fraction, "fraction") < 1.0:
             raise UfirextError(f"fraction must lie between 0 and 1, got {fraction!r}")
         known: Form = "posterior" if form == "posterior" else "prior" if form == "prior" else "mixed"
@@ -251,7 +250,7 @@ def _checked_policy(theta: Theta) -> Theta:
     """A theta as asked for, its numbers checked."""
     if callable(theta) or (isinstance(theta, str) and theta == "auto"):
         return theta
-    if isinstance(theta, Sequence | np.ndarray) and not isinstance(theta, str):
+    if isinstance(theta, Sequence | np.ndarray) and not isinstance(theta, str) and np.ndim(theta):
         values = [checked_theta(value, f"theta[{i}]") for i, value in enumerate(theta)]
         if not values:
             raise UfirextError("theta must hold at least one number, got none")

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, integer
+from .._arrays import Array, integer, one_of
 from ..channels import Channel
 from ..errors import UfirextError
 from ..recursions.delayed import Correlation
@@ -145,8 +145,7 @@ class DelayKalmanFilter(LateFilter):
     ) -> None:
         dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
         dim_u = integer(dim_u, "dim_u", 0)
-        if method not in METHODS:
-            raise UfirextError(f"method must be one of {', '.join(map(repr, METHODS))}, got {method!r}")
+        one_of(method, METHODS, "method")
         channel = late_channel(channel, max_delay)
         self._method = method
         super().__init__(dim_x, dim_z, dim_u, _state(dim_x, dim_z, channel, method))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._arrays import Array, integer
+from .._arrays import Array, integer, one_of
 from ..errors import UfirextError
 from ._arguments import checked_channel
 from ._describe import describe
@@ -60,7 +60,8 @@ class UFIRFilter(WindowFilter):
         For an unknown option, or a channel and a max_delay together; from `update`, if F is singular where a
         channel without time stamps must invert it.
     HorizonError
-        For a horizon that is none; from `update`, for a delay that the channel cannot produce.
+        For a horizon that is none, or whose window does not fit into memory; from `update`, for a delay that
+        the channel cannot produce.
 
     Notes
     -----
@@ -100,9 +101,8 @@ class UFIRFilter(WindowFilter):
     ) -> None:
         dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
         dim_u = integer(dim_u, "dim_u", 0)
-        for name, value, allowed in (("missing", missing, MISSING), ("window", window, WINDOWS)):
-            if value not in allowed:
-                raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+        one_of(missing, MISSING, "missing")
+        one_of(window, WINDOWS, "window")
         channel = checked_channel(channel, max_delay)
         state = new_state(dim_x, dim_z, checked_horizon(horizon), missing, window, channel)
         super().__init__(dim_x, dim_z, dim_u, state)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._array_api import Space, is_native
-from .._arrays import Array, integer, without_mask
+from .._arrays import Array, integer, one_of, require_counts, without_mask
 from ..errors import HorizonError, ShapeError, UfirextError
 from ..horizon import best_horizon, check_horizon
 from ..model import Model
@@ -91,8 +91,7 @@ class Fleet:
     ) -> None:
         if not isinstance(model, Model):
             raise UfirextError(f"model must be a ufirext.Model, got {type(model).__name__}")
-        if missing not in MISSING:
-            raise UfirextError(f"missing must be one of {', '.join(map(repr, MISSING))}, got {missing!r}")
+        one_of(missing, MISSING, "missing")
         if isinstance(horizon, str):
             if horizon != "auto":
                 raise HorizonError(f'horizon must be an integer or "auto", got {horizon!r}')
@@ -145,8 +144,7 @@ class Fleet:
                 f"delay must be an integer or ({self.tracks},) integers, one a track, got {ages.dtype} "
                 f"of shape {ages.shape}"
             )
-        if (ages < 0).any():
-            raise HorizonError(f"delay must be at least 0, got {int(ages.min())}")
+        require_counts(ages, "delay")
         return np.broadcast_to(ages, (self.tracks,)).astype(np.int64) if ages.any() else None
 
     # -- tracks ----------------------------------------------------------------------------------------------

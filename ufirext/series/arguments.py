@@ -18,6 +18,7 @@ from .._arrays import (
     matrix,
     readings,
     real,
+    require_counts,
     unmasked,
     without_mask,
 )
@@ -33,7 +34,6 @@ __all__ = [
     "as_prior",
     "as_series",
     "holes",
-    "one_of",
 ]
 
 # Numbers that are searched for holes at once.
@@ -130,8 +130,7 @@ def as_delays(delays: ArrayLike | None, shape: tuple[int, int]) -> NDArray[np.in
         )
     if array.ndim > 2 or array.shape not in (shape, shape[1:], ()):
         raise ShapeError(f"delays must have shape {shape[1:]} or {shape} (S, T), got {array.shape}")
-    if array.size and int(array.min()) < 0:
-        raise HorizonError(f"delays must not be negative, got {int(array.min())}")
+    require_counts(array, "delays")
     whole = np.broadcast_to(array.astype(np.int64), shape)
     return whole if whole.any() else None
 
@@ -223,9 +222,3 @@ def as_output(out: Any, shape: tuple[int, ...], z: Array) -> Array:
     if np.may_share_memory(out, z):
         raise UfirextError("out must not share memory with zs, which is still read while out is written")
     return out
-
-
-def one_of(value: Any, allowed: Sequence[str], name: str) -> None:
-    """Raise unless `value` is one of the words allowed."""
-    if value not in allowed:
-        raise UfirextError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")

@@ -176,7 +176,7 @@ def series_plan(
 
 def chosen_horizon(model: Model, horizon: int | str) -> int:
     """`horizon` as an int; "auto" is `best_horizon` of the model."""
-    if horizon == "auto":
+    if isinstance(horizon, str) and horizon == "auto":
         from ..horizon import best_horizon
 
         return best_horizon(model)

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._array_api import is_native
-from .._arrays import Array, integer
+from .._arrays import Array, integer, one_of
 from ..errors import UfirextError
 from ..filters._window_state import MISSING, WINDOWS
+from ..gains import observability_index
 from ..model import Model
 from . import arguments
 from .covariances import covariances
@@ -22,6 +23,9 @@ from .request import PerStep, Request
 from .windows import Mask
 
 __all__ = ["filter_series"]
+
+# A horizon that costs so little that shorter ones need not take its place.
+ORDINARY = 1000
 
 
 def filter_series(
@@ -111,7 +115,7 @@ def filter_series(
     >>> filter_series(kinematic(1, 1, 0.1), path, horizon=50).x[-1].round(6)
     array([499.5,   5. ])
     """
-    arguments.one_of(engine, ENGINES, "engine")
+    one_of(engine, ENGINES, "engine")
     given = {"F": Fs, "Q": Qs, "H": Hs, "R": Rs}
     if not is_native(zs):
         from .elsewhere import filtered_elsewhere
@@ -128,16 +132,17 @@ def filter_series(
     changing = PerStep(**arguments.as_per_step(given, model, series.shape[1]))
     horizon, lag = _window(model, horizon, lag)
     shape = series.shape[:2]
+    late = arguments.as_delays(delays, shape)
     request = Request(
         model=model_with(model, noise),
         z=series,
-        horizon=horizon,
+        horizon=_enough(model, horizon, lag, shape[1] + (0 if late is None else int(late.max()))),
         lag=lag,
         unbiased=noise is None,
         missing=missing,
         by_arrival=window == "arrivals",
         us=arguments.as_inputs(us, model, shape),
-        delays=arguments.as_delays(delays, shape),
+        delays=late,
         prior=arguments.as_prior(prior, model, shape[0]),
         per_step=changing,
     )
@@ -157,10 +162,15 @@ def _window(model: Model, horizon: int | str, lag: int) -> tuple[int, int]:
     return chosen, integer(lag, "lag", 0, chosen - 1, "the window holds horizon states, up to the newest one")
 
 
+def _enough(model: Model, horizon: int, lag: int, steps: int) -> int:
+    """A horizon that gives the same over so few steps: a window that is never full is not worked out."""
+    return min(horizon, max(steps + 1, lag + 1, observability_index(model) or 1, ORDINARY))
+
+
 def _require_possible(request: Request, window: str) -> None:
     """Refuse combinations that no filter of the library has."""
-    arguments.one_of(window, WINDOWS, "window")
-    arguments.one_of(request.missing, MISSING, "missing")
+    one_of(window, WINDOWS, "window")
+    one_of(request.missing, MISSING, "missing")
     if request.per_step.F is None and request.per_step.H is None:
         plan_of(request)  # raises where full windows of the constant model do not determine the state
     if request.prior is not None and request.lag:
