@@ -307,6 +307,44 @@ def test_a_long_gap_ends_a_guarantee_of_fixed_theta_and_not_that_of_auto(form):
     assert auto.guarantee.theta[0] == 0.0
 
 
+@pytest.mark.parametrize(("form", "theta"), [("prior", "auto"), ("posterior", "auto"), ("posterior", 0.001)])
+@pytest.mark.parametrize("before", [0, 3, 80])
+def test_a_step_that_is_open_has_no_theta_and_does_not_count(before, form, theta):
+    """Looking changes nothing: the same filter, never asked on the way, says the same at the end."""
+    f, quiet = vehicle(theta=theta, form=form), vehicle(theta=theta, form=form)
+    for step in range(1, before + 1):
+        for each in (f, quiet):
+            each.predict()
+            each.update(float(step))
+    closed = before
+    for z in (1.0, None, "no update", 2.0, 3.0):
+        for each in (f, quiet):
+            each.predict()
+        assert f.theta_used is None
+        assert f.guarantee.steps == closed
+        assert f.theta_max > 0.0
+        closed += 1
+        if z == "no update":
+            continue  # the next predict() closes this step
+        for each in (f, quiet):
+            each.update(z)
+        assert f.guarantee.steps == closed
+        assert (f.theta_used == 0.0) == (z is None and theta == "auto")
+        assert f.guarantee.theta[0] <= f.theta_used <= f.guarantee.theta[1]
+    assert f.guarantee == quiet.guarantee
+    assert f.theta_used == quiet.theta_used
+    assert_allclose(f.P, quiet.P, rtol=1e-12)
+
+
+def test_a_given_theta_bounds_the_error_before_the_update_whatever_comes():
+    f = vehicle(theta=0.001, form="prior")
+    for z in (1.0, None, 2.0):
+        f.predict()
+        assert f.theta_used == 0.001
+        f.update(z)
+        assert f.theta_used == 0.001
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

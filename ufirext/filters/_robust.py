@@ -140,7 +140,8 @@ class RobustState(LiftedState):
         self.tilted, self.bare = False, None
         if self.account is not None:
             self.past_account, self.account = self.past_account + self.account, None
-        if self.robust_form == "prior":
+        # What "auto" takes is open until something comes; a given theta bounds this error whatever comes.
+        if self.robust_form == "prior" and self.theta != "auto":
             self.account = self.judged(self.tall.P, self.now + 1)
         return x, P
 

@@ -166,7 +166,9 @@ class DelayHInfinityFilter(LateFilter):
 
     @property
     def theta_used(self) -> float | None:
-        """The theta of the present step, None as long as it is open."""
+        """The theta of the present step, None as long as it is open: until the next update; a theta that was
+        given is settled by `predict` where it bounds the error before the update.
+        """
         self._state.look()
         account = self._state.account
         return None if account is None else account.lowest
