@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.strategies import seeds
-from ufirext import CovarianceError, NonFiniteError, UFIRFilter, kinematic
+from ufirext import CovarianceError, NonFiniteError, ShapeError, UFIRFilter, kinematic
 from ufirext.engines.frames import Frames
 from ufirext.engines.suffixes import Suffixes
 from ufirext.filters._state import TURNED
@@ -21,8 +21,9 @@ from ufirext.filters._state import TURNED
 from .test_hot_path import PUBLISHED, configured
 
 EVENTS = {
-    "all by argument": 0.35, "all by attribute": 0.2, "in place": 0.1, "F alone": 0.05, "input": 0.08,
-    "lost": 0.07, "silent": 0.05, "two sensors": 0.05, "component": 0.02, "late": 0.03,
+    "all by argument": 0.3, "all by attribute": 0.2, "in place": 0.1, "F alone": 0.05,
+    "F alone, attribute": 0.05, "input": 0.08, "lost": 0.07, "silent": 0.05, "two sensors": 0.05,
+    "component": 0.02, "late": 0.03,
 }  # fmt: skip
 
 
@@ -51,6 +52,11 @@ def step(f: UFIRFilter, event: str, axes: int, rng: np.random.Generator) -> None
         f.update(z)
     elif event == "F alone":
         f.predict(F=F)
+        f.update(z)
+    elif event == "F alone, attribute":
+        F.flags.writeable = angle < 0.5
+        f.F = F
+        f.predict()
         f.update(z)
     elif event == "input":
         f.predict(rng.normal(size=2 * axes), np.eye(2 * axes), F, Q)
@@ -119,6 +125,95 @@ def test_a_matrix_assigned_at_every_step_counts_from_its_step_on(name, watched):
         if watched:
             np.testing.assert_allclose(assigned.P, given.P, rtol=1e-9)
         np.testing.assert_allclose(assigned.x, given.x, rtol=1e-9, atol=1e-12)
+
+
+def on_the_hot_path(make_F=lambda dt: np.array([[1.0, dt], [0.0, 1.0]])) -> UFIRFilter:
+    f = configured(6, 1, 1)
+    for k in range(60):
+        f.F = make_F(1.0 + 0.01 * (k % 7))
+        f.predict()
+        f.update(np.array([[0.1 * k]]))
+    assert f._state.mode == TURNED
+    return f
+
+
+def frozen(dt: float) -> np.ndarray:
+    F = np.array([[1.0, dt], [0.0, 1.0]])
+    F.flags.writeable = False
+    return F
+
+
+def test_after_frozen_matrices_the_attribute_can_be_edited_all_the_same():
+    f, twin = on_the_hot_path(frozen), on_the_hot_path()
+    np.testing.assert_array_equal(f.x, twin.x)
+    f.F[0, 1] = 1.5
+    twin.F = np.array([[1.0, 1.5], [0.0, 1.0]])
+    for g in (f, twin):
+        g.predict()
+        g.update(6.0)
+    np.testing.assert_array_equal(f.x, twin.x)
+    np.testing.assert_array_equal(f.F, twin.F)
+
+
+@pytest.mark.parametrize("name", ["F", "H", "R"])
+def test_an_array_assigned_at_every_step_counts_as_it_is_at_the_verb(name):
+    f, twin = on_the_hot_path(), on_the_hot_path()
+    first = getattr(twin, name).copy()
+    for k in range(20):
+        value = first * (1.0 + 0.001 * k)
+        mine = value.copy()
+        setattr(f, name, mine)
+        mine[0, 0] *= 1.01  # after the assignment, before the verb
+        value[0, 0] *= 1.01
+        setattr(twin, name, value)
+        for g in (f, twin):
+            g.predict()
+            g.update(0.1 * k)
+        np.testing.assert_array_equal(f.x, twin.x)
+    assert f._state.mode == TURNED
+
+
+@pytest.mark.parametrize("name", ["F", "H", "Q", "R"])
+def test_a_bad_matrix_is_refused_where_it_is_assigned_and_the_one_before_stays(name):
+    f, twin = on_the_hot_path(), on_the_hot_path()
+    bad = getattr(twin, name).copy()
+    bad[0, 0] = np.nan
+    with pytest.raises(NonFiniteError, match=name):
+        setattr(f, name, bad)
+    with pytest.raises(ValueError, match=name):
+        setattr(f, name, np.zeros((3, 3)))
+    for g in (f, twin):
+        g.predict()
+        g.update(6.0)
+    np.testing.assert_array_equal(f.x, twin.x)
+    np.testing.assert_array_equal(f.P, twin.P)
+
+
+def test_an_H_of_more_rows_than_the_attribute_R_is_refused():
+    f, twin = on_the_hot_path(), on_the_hot_path()
+    for g in (f, twin):
+        g.predict()
+    with pytest.raises(ShapeError, match="R"):
+        f.update(np.array([1.0, 2.0]), H=np.eye(2))
+    for g in (f, twin):
+        g.update(6.0)
+    np.testing.assert_array_equal(f.x, twin.x)
+
+
+def test_a_noise_refused_halfway_leaves_nothing_of_itself():
+    f, twin = configured(6, 1, 2), configured(6, 1, 2)
+    rng = np.random.default_rng(3)
+    for k in range(80):
+        F, _ = transition(1.0 + 0.01 * (k % 7), 2)
+        z = rng.normal(size=2)
+        for g in (f, twin):
+            g.predict(F=F)
+        if k % 10 == 9:
+            with pytest.raises(NonFiniteError, match="R"):
+                f.update(z, R=np.diag([9.0, np.nan]))
+        for g in (f, twin):
+            g.update(z)
+        np.testing.assert_allclose(f.x, twin.x, rtol=1e-9, atol=1e-9)
 
 
 def exact(history: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], horizon: int) -> list[float]:

@@ -149,8 +149,12 @@ class Frames:
 
     # -- rows ------------------------------------------------------------------------------------------------
 
-    def row(self, now: int, z: Any, H: Any, R: Any) -> QuickRow | None:
-        """A measurement of this step as a row, None for whatever needs a closer look."""
+    def row(
+        self, now: int, z: Any, H: Any, R: Any, raw_H: bytes | None = None, raw_R: bytes | None = None
+    ) -> QuickRow | None:
+        """A measurement of this step as a row, None for whatever needs a closer look; with the bytes of an H
+        and an R which had one.
+        """
         try:
             hands = self.hands[len(H)]
         except (KeyError, TypeError):
@@ -158,7 +162,7 @@ class Frames:
                 return None
             hands = self.hands[len(H)] = Hands(len(H), self.dim_x)
         self.full = hands
-        return hands.row(now, z, H, R)
+        return hands.row(now, z, H, R, raw_H, raw_R)
 
     def take(self) -> bool:
         """The row that was read last; False, with nothing done, where its R is hardly regular."""

@@ -83,27 +83,38 @@ class Hands:
         self.m, self.n, self.shape_H, self.shape_R, self.gaps = m, n, (m, n), (m, m), m * m - m
         self.unpack_H, self.unpack_R = Struct(f"{m * n}d").unpack, Struct(f"{m * m}d").unpack
         self.unpack_z, self.pack_z = Struct(f"{m}d").unpack, Struct(f"{m}d").pack
+        # The H and R that were read last; what they came to is used again as long as they stay.
+        self.raw_H, self.raw_R, self.size_R = b"", b"", m * m * FLOAT.itemsize
+        self.information: float | None = None
+        self.full_R: Array | None = None  # that R where it is not diagonal
         self.z: Any
         self.precision: Any
-        joint, inverse = np.zeros((m, k)), np.zeros((m, m))  # [H, z] and R^-1 of the row that was read last
+        joint, inverse = np.zeros((m, k)), np.zeros((m, m))  # [H, z] and R^-1
         self.joint, self.H, self.z = joint.T, joint[:, :n], joint.reshape(-1)[n::k].data
         self.inverse, self.precision = inverse, inverse.reshape(-1)[:: m + 1].data
-        self.full_R: Array | None = None  # its R where that is not diagonal
         # H Phi and z - H c in both frames, transposed so that either half is contiguous; the same by R^-1.
         self.seen, self.weighted = np.zeros((2 * k, m)), np.zeros((2 * k, m))
         # Halves of these: the row's gram in either frame is their product.
         self.left = self.weighted[:k].dot, self.weighted[k:].dot
         self.right = self.seen[:n].T, self.seen[k:-1].T
 
-    def row(self, now: int, z: Any, H: Any, R: Any) -> QuickRow | None:
+    def row(
+        self, now: int, z: Any, H: Any, R: Any, raw_H: bytes | None = None, raw_R: bytes | None = None
+    ) -> QuickRow | None:
         """A row of this step from arrays of floats; None for whatever needs a closer look.
 
         That is: other types and shapes, NaN, infinity, an R that is plainly no covariance, an H with a row of
-        zeros, which measures nothing.
+        zeros, which measures nothing. `raw_H` and `raw_R` are the bytes of arrays known to be right.
         """
-        if not (H.__class__ is R.__class__ is ARRAY and H.dtype is R.dtype is FLOAT):
-            return None
-        if H.shape != self.shape_H or R.shape != self.shape_R:
+        if raw_H is None:
+            if H.__class__ is not ARRAY or H.dtype is not FLOAT or H.shape != self.shape_H:
+                return None
+            raw_H = H.tobytes()
+        if raw_R is None:
+            if R.__class__ is not ARRAY or R.dtype is not FLOAT or R.shape != self.shape_R:
+                return None
+            raw_R = R.tobytes()
+        elif len(raw_R) != self.size_R:
             return None
         if z.__class__ is ARRAY and z.dtype is FLOAT and z.size == self.m and z.ndim < 3:
             raw_z = z.tobytes()
@@ -111,30 +122,41 @@ class Hands:
             raw_z = self.pack_z(z)
         else:
             return None
-        raw_H, raw_R = H.tobytes(), R.tobytes()
-        numbers, noise, values = self.unpack_H(raw_H), self.unpack_R(raw_R), self.unpack_z(raw_z)
+        values = self.unpack_z(raw_z)
         total = sum(values)
         if total - total != 0.0:
             return None
-        m, n, information = self.m, self.n, 0.0
+        if not (raw_H is self.raw_H and raw_R is self.raw_R) and not self._weigh(H, R, raw_H, raw_R):
+            return None
         for i, value in enumerate(values):
-            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * m + i]
-            if not (0.0 < norm < inf and 0.0 < variance < inf):
-                return None
-            information += norm * norm / variance
-            self.precision[i] = 1.0 / variance
             self.z[i] = value
         row = object.__new__(QuickRow)
-        if noise.count(0.0) == self.gaps:
-            self.full_R, row._information = None, information
-        elif raw_R != R.T.tobytes() or not sum(map(abs, noise)) < inf:
-            return None
-        else:
-            self.full_R = R
-        self.H[...] = H
         row.origin = row.arrival = now
-        row.m, row.packed = m, raw_H + raw_R + raw_z
+        row._information = self.information
+        row.m, row.packed = self.m, raw_H + raw_R + raw_z
         return row
+
+    def _weigh(self, H: Array, R: Array, raw_H: bytes, raw_R: bytes) -> bool:
+        """Make H and R the present ones; False where they need a closer look."""
+        self.raw_H = b""
+        numbers, noise = self.unpack_H(raw_H), self.unpack_R(raw_R)
+        m, n, information = self.m, self.n, 0.0
+        diagonal = noise.count(0.0) == self.gaps
+        for i in range(m):
+            norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * m + i]
+            if not (0.0 < norm < inf and 0.0 < variance < inf):
+                return False
+            information += norm * norm / variance
+            self.precision[i] = 1.0 / variance
+        if diagonal:
+            self.full_R = None
+        elif raw_R != R.T.tobytes() or not sum(map(abs, noise)) < inf:
+            return False
+        else:
+            self.full_R = np.frombuffer(raw_R).reshape(m, m)
+        self.H[...] = H
+        self.raw_H, self.raw_R, self.information = raw_H, raw_R, information if diagonal else None
+        return True
 
     def see(self, products: Array) -> bool:
         """The last row in both frames, `products` the transposed transitions from these; False where R is

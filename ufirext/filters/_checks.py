@@ -83,7 +83,7 @@ class Covariance(Check):
         variances = numbers[:: size + 1]
         if numbers.count(0.0) - variances.count(0.0) == size * size - size:
             return raw if min(variances) >= 0.0 else None
-        return raw if raw == value.T.tobytes() and plainly_positive(value) else None
+        return raw if raw == value.tobytes("F") and plainly_positive(value) else None
 
     def __call__(self, value: Any) -> Array:
         """A scalar stands for a multiple of the identity."""

@@ -46,22 +46,25 @@ class Live:
         """The matrix in whichever array there is, to be read at once; for one that has been looked at."""
         return self.value if self.handed is None else self.handed
 
+    @property
+    def held(self) -> bool:
+        """Whether there is an array that somebody may edit; a frozen one is let go of."""
+        if self.handed is not None and not self.handed.flags.writeable:
+            self.handed = None
+        return self.handed is not None
+
     def hand_out(self) -> Array:
         """The client's editable array; edits count from the next verb on."""
-        if self.handed is None:
+        if self.handed is None or not self.held:
             self.handed = self.value.copy()
         return self.handed
 
     def assign(self, value: Any, raw: bytes | None = None) -> bool:
         """A new value from outside, validated; edits of the array assigned keep counting. True if it
-        differs. `raw`: what a quick check of it has shown.
+        differs. `raw`: what a quick check of it has shown; then a frozen array is left to `held`.
         """
         if raw is not None:
-            self.handed = value if value.flags.writeable else None
-            if raw == self.raw:
-                return False
-            self._value, self.raw = None, raw
-            return True
+            return self.replace(value, raw)
         array = self.check(value)
         if isinstance(value, np.ndarray):
             value = np.asarray(value)  # a subclass such as a masked array is its data
@@ -72,6 +75,19 @@ class Live:
             return False
         self._value, self.raw = readonly(array), raw
         return True
+
+    def replace(self, value: Array, raw: bytes) -> bool:
+        """`assign` of an array that a quick check has shown to be right."""
+        self.handed = value
+        if raw == self.raw:
+            return False
+        self._value, self.raw = None, raw
+        return True
+
+    @property
+    def edited(self) -> bool:
+        """Whether the client's array is another one by now."""
+        return self.handed is not None and self.handed.tobytes() != self.raw
 
     def known(self, value: Any) -> Array | None:
         """The frozen value itself where `value` is an array equal to it: what is constant is known by

@@ -169,7 +169,7 @@ class FilterState(Touched):
             self.touch()
         if live.assign(value, raw):
             self._model_changed()
-        if live.handed is not None and live not in self.watched:
+        if live.held and live not in self.watched:
             self.watch()
 
     def assign_B(self, value: Any, dim_u: int) -> None:
@@ -208,9 +208,7 @@ class FilterState(Touched):
 
     def _watch_all(self) -> None:
         """Watch everything that somebody may hold."""
-        self.watched = tuple(
-            live for live in self._matrices() if live is not None and live.handed is not None
-        )
+        self.watched = tuple(live for live in self._matrices() if live is not None and live.held)
         self.watching = bool(self.watched)
 
     def _matrices(self) -> tuple[Live | None, ...]:

@@ -19,6 +19,7 @@ from ..engines.hands import QuickStep
 from ..engines.records import Step
 from ..engines.varying import Varying, estimate_of
 from ..window import Row
+from ._live import Live
 from ._state import SLOW, TURNED, TURNING
 from ._window_state import WindowState, engine_reach
 
@@ -69,10 +70,18 @@ class VaryingState(WindowState):
         if self.lane is None:
             self.leave()
 
+    def assign(self, name: str, value: Any) -> None:
+        """A model matrix assigned from outside; one that is plainly right need not leave this hot path."""
+        live: Live = getattr(self, name)
+        raw = live.check.quick(value) if self.lane is not None and self.watching else None
+        if raw is None:
+            super().assign(name, value)
+        elif live.replace(value, raw):
+            self._model_changed()
+
     def _model_changed(self) -> None:
-        super()._model_changed()
-        if self.lane is not None:
-            self.irregular = self.lane.now
+        self.stale = True
+        self.irregular = self.now if self.lane is None else self.lane.now
 
     # -- the verbs -------------------------------------------------------------------------------------------
 
@@ -82,8 +91,10 @@ class VaryingState(WindowState):
         if engine is None or (sums := engine.sums).__class__ is not Frames:
             return False
         if self.watching:
-            # A horizon chosen from the model may follow from H and R too.
-            self._look_again(*(self._matrices() if self.policy == "auto" else (self.F, self.Q, self.B)))
+            if self.policy == "auto":  # a horizon chosen from the model may follow from H and R too
+                self._look_again(*self._matrices())
+            elif self.F.edited or self.Q.edited or (self.B is not None and self.B.edited):
+                self._look_again(self.F, self.Q, self.B)
         now = engine.now
         # The windows that covariances lean on must still be remembered when these are worked out.
         if now - self.latest[1] > self.memory or now - self.irregular > self.patience:
@@ -111,11 +122,20 @@ class VaryingState(WindowState):
         engine = self.lane
         if engine is None or (sums := engine.sums).__class__ is not Frames:
             return False
-        if self.watching:
+        if self.watching and (self.H.edited or self.R.edited):
             self._look_again(self.H, self.R)
         if z is None:
             return H is None and R is None and self._blank(engine)
-        row = sums.row(engine.now, z, self.H.present if H is None else H, self.R.present if R is None else R)
+        raw_H = raw_R = None
+        if H is None:
+            H_now, raw_H = self.H.present, self.H.raw
+        else:
+            H_now = H
+        if R is None:
+            R_now, raw_R = self.R.present, self.R.raw
+        else:
+            R_now = R
+        row = sums.row(engine.now, z, H_now, R_now, raw_H, raw_R)
         if row is None or engine.negligible(row, engine.limits):
             return False
         if self.mode == TURNED:
