@@ -1,4 +1,4 @@
-"""F, H and R that change at every step: an irregular clock and a sensor that turns."""
+"""F, H and R that change at every step: an irregular clock, and a sensor that turns."""
 
 from __future__ import annotations
 
@@ -62,6 +62,20 @@ def _assigned_with_Q(f: Any, step: Step) -> object:
     return f.x
 
 
+def _clock_per_call(f: Any, step: Step) -> object:
+    F, _, z, _, _ = step
+    f.predict(F=F)
+    f.update(z)
+    return f.x
+
+
+def _clock_assigned(f: Any, step: Step) -> object:
+    f.F, _, z, _, _ = step
+    f.predict()
+    f.update(z)
+    return f.x
+
+
 def _contest(one: Callable[[Any, Step], object], whole: bool, horizon: int, steps: int) -> Contest:
     model = model_of(4)
     stream = _stream(steps + horizon + 8)
@@ -104,6 +118,8 @@ ROWS = [
         for name, work, one in (
             ("calls", "F, R, H by argument", _per_call),
             ("attributes", "F, R, H by attribute", _assigned),
+            ("clock-calls", "F by argument", _clock_per_call),
+            ("clock-attributes", "F by attribute", _clock_assigned),
             ("calls-Q", "F, Q, R, H by argument", _per_call_with_Q),
             ("attributes-Q", "F, Q, R, H by attribute", _assigned_with_Q),
         )
