@@ -233,6 +233,15 @@ def test_a_filter_of_filterpys_hinfinity_goes_over():
     assert DelayHInfinityFilter.from_filterpy(hinf, theta="auto", max_delay=2).theta == "auto"
 
 
+@pytest.mark.parametrize(("theirs", "ours"), [("W", "Q"), ("V", "R"), ("gamma", "theta")])
+def test_the_letters_of_filterpys_hinfinity_are_not_taken_in_silence(theirs, ours):
+    f = vehicle()
+    with pytest.raises(AttributeError, match=f"filterpy's {theirs} is {ours}") as caught:
+        setattr(f, theirs, 0.1)
+    assert isinstance(caught.value, UfirextError)
+    assert not hasattr(f, theirs)
+
+
 def test_unlike_filterpys_it_is_the_kalman_filter_for_gamma_zero():
     hinf = filterpys(0.0)
     f = DelayHInfinityFilter.from_filterpy(hinf)

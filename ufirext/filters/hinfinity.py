@@ -25,6 +25,31 @@ FORMS = ("posterior", "prior", "mixed")
 ON_VIOLATION = ("raise", "clip")
 
 
+class RenamedAttribute(UfirextError, AttributeError):
+    """An attribute has another name here; also an AttributeError, as `hasattr` expects."""
+
+
+class _Renamed:
+    """A name of filterpy's HInfinityFilter that means nothing here: assigned, it would pass in silence."""
+
+    def __init__(self, here: str) -> None:
+        self.here = here
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: object, owner: type | None = None) -> _Renamed:
+        if instance is None:
+            return self
+        raise self._error()
+
+    def __set__(self, instance: object, value: object) -> None:
+        raise self._error()
+
+    def _error(self) -> RenamedAttribute:
+        return RenamedAttribute(f"filterpy's {self.name} is {self.here}; from_filterpy takes it over")
+
+
 class DelayHInfinityFilter(LateFilter):
     """H-infinity filter: the weighted energy of its errors is bounded for every disturbance, random or not.
 
@@ -95,6 +120,10 @@ class DelayHInfinityFilter(LateFilter):
     >>> f.guarantee.holds
     True
     """
+
+    W = _Renamed("Q here, its Q is weight")
+    V = _Renamed("R here")
+    gamma = _Renamed("theta here")
 
     _state: RobustState
 
