@@ -75,7 +75,7 @@ class Certificate:
         Largest difference of a row to the gain of the solver for the universal and for the paper's literal
         problem, relative; NaN where the solver returned none or the problem was not posed.
     objective : str
-        What the solver minimised.
+        What the solver minimised, and of which states; P is under `criterion`.
     value, optimum : float
         The objective at the gain and at the solver's optimum.
     criterion : {"variance", "noise"}
@@ -184,10 +184,10 @@ def certify(
         criterion = "variance" if isinstance(gain, MinimumVarianceGain | FMSGain) else "noise"
     if criterion not in ("variance", "noise"):
         raise UfirextError(f"criterion must be 'variance' or 'noise', got {criterion!r}")
-    H, window, targets = _posed(gain, model)
-    problem = Regression.of(window, targets, noise=criterion == "variance")
+    H, window, aims = _posed(gain, model)
+    problem = Regression.of(window, list(aims.values()), noise=criterion == "variance")
     H = H @ block_diag(*[np.linalg.inv(W) for W in window.W])
-    name, weight = _objective(objective, len(H))
+    name, weight = _objective(objective, list(aims), len(H))
     feasibility, gap, stationarity, primal, dual = figures(problem, H)
     duality = float((np.abs(primal - dual) / np.where(primal > 0.0, primal, 1.0)).max())
     optimal = max(feasibility, gap, stationarity, duality) < LIMIT
@@ -227,49 +227,51 @@ def certify(
     )
 
 
-def _posed(gain: Gain | FMSGain, model: Model | None) -> tuple[Array, Window, list[int]]:
-    """The gain's rows, its window under `model`, and the times its rows aim at."""
+def _posed(gain: Gain | FMSGain, model: Model | None) -> tuple[Array, Window, dict[str, int]]:
+    """The gain's rows, its window under `model`, and the states its rows are of, with their times."""
     if isinstance(gain, FMSGain):
         model = gain.model if model is None else model
-        K, window, targets = gain.H, fms_window(model, gain.M, gain.d), [gain.M, gain.M - gain.d]
+        K, window = gain.H, fms_window(model, gain.M, gain.d)
+        aims = {"x_now": gain.M, "x_lag": gain.M - gain.d}
     elif not isinstance(gain, Gain):
         raise UfirextError(f"gain must be one of the library's gains, got {type(gain).__name__}")
     elif model is None:
         raise UfirextError("model must be given with this gain, which does not carry one, got None")
     else:
         window = model_window(model, gain.horizon, gain.lag)
-        K, targets = gain.K, [window.aim]
+        K, aims = gain.K, {"x_lag" if gain.lag else "x_now": window.aim}
         if isinstance(gain, MinimumVarianceGain) and gain.lag:
-            K, targets = np.concatenate([gain.K_now, gain.K]), [gain.horizon - 1, window.aim]
+            K, aims = np.concatenate([gain.K_now, gain.K]), {"x_now": gain.horizon - 1, **aims}
     require_definite(model.R)
-    if K.shape != (model.dim_x * len(targets), window.starts[-1]):
-        wanted = (model.dim_x * len(targets), window.starts[-1])
+    if K.shape != (wanted := (model.dim_x * len(aims), window.starts[-1])):
         raise ShapeError(f"gain must have shape {wanted} for this model and horizon, got {K.shape}")
     if not window.determined():
         raise UnobservableWindow(
             f"the window must determine the state, or no gain is unbiased; its rows have rank {window.rank}",
             rank=window.rank,
         )
-    return K, window, targets
+    return K, window, aims
 
 
-def _objective(objective: str | int | ArrayLike, rows: int) -> tuple[str, Objective | None]:
+def _objective(objective: str | int | ArrayLike, of: list[str], rows: int) -> tuple[str, Objective | None]:
     """Its name, and "lambda_max", a weight matrix, or None for the trace."""
+    P = f"P of {' and '.join(of)}"
     if isinstance(objective, str):
         if objective == "trace":
-            return "trace P", None
+            return f"trace {P}", None
         if objective == "lambda_max":
-            return "lambda_max P", "lambda_max"
+            return f"lambda_max {P}", "lambda_max"
         raise UfirextError(f"objective must be 'trace', 'lambda_max', a row or weights, got {objective!r}")
     if isinstance(objective, int | np.integer):
         if not 0 <= objective < rows:
             raise UfirextError(
                 f"objective must name one of the {rows} rows of the gain, 0 to {rows - 1}, got {objective}"
             )
-        return f"P[{objective}, {objective}]", np.diag(np.arange(rows) == objective).astype(float)
+        state, entry = divmod(int(objective), rows // len(of))
+        return f"variance of {of[state]}[{entry}]", np.diag(np.arange(rows) == objective).astype(float)
     weights = real(objective, "objective")
     weights = np.diag(weights) if weights.ndim == 1 else weights
-    return "trace W P", covariance(weights, rows, "objective", "weights of the gain's rows")
+    return f"trace W {P}", covariance(weights, rows, "objective", "weights of the gain's rows")
 
 
 def _value(error: Array, objective: Objective) -> float:

@@ -20,14 +20,21 @@ from .model_file import read_gain
 
 __all__ = ["certify"]
 
+_OBJECTIVE = (
+    "What to minimise: the trace of P, its largest eigenvalue, or the variance of one row of the gain, "
+    "counted from 0 (of a pair those of x_now first, then those of x_lag)."
+)
+_CRITERIA = {
+    "variance": "error variance",
+    "noise": "noise of the measurements alone, P without process noise",
+}
+
 
 def certify(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A model in TOML or JSON.")],
     horizon: Annotated[int | None, typer.Option(help="Replace the file's horizon (M).")] = None,
     lag: Annotated[int | None, typer.Option(help="Replace the file's lag (d).")] = None,
-    objective: Annotated[
-        str, typer.Option(metavar="trace|lambda_max|ROW", help="What to minimise.")
-    ] = "trace",
+    objective: Annotated[str, typer.Option(metavar="trace|lambda_max|ROW", help=_OBJECTIVE)] = "trace",
     solver: Annotated[str, typer.Option(help="A solver of cvxpy.")] = "CLARABEL",
 ) -> None:
     """Certify that a gain is the best unbiased one.
@@ -67,15 +74,13 @@ def _lines(certificate: Certificate) -> list[tuple[str, str]]:
     verdict = "optimal" if c.optimal else "NOT optimal"
     lines = [
         ("verdict", f"{verdict}, {'confirmed' if c.confirmed else 'NOT confirmed'} by {c.solver}"),
-        (
-            "criterion",
-            {"variance": "error variance", "noise": "noise of the measurements alone"}[c.criterion],
-        ),
+        ("criterion", _CRITERIA[c.criterion]),
         ("feasibility", f"{c.feasibility:.1e} (bias; below {LIMIT:.0e})"),
         ("gap", f"{c.gap:.1e} standard deviations from the optimum (below {LIMIT:.0e})"),
         ("stationarity", f"{c.stationarity:.1e} (Karush-Kuhn-Tucker; below {LIMIT:.0e})"),
         ("duality", f"{c.duality:.1e} (below {LIMIT:.0e})"),
-        (c.objective, f"{c.value:.12g}, solver {c.optimum:.12g}"),
+        ("objective", c.objective),
+        ("value", f"{c.value:.12g}, solver {c.optimum:.12g}"),
         ("solver", f"{c.solver}: {c.status}, {c.seconds:.3f} s"),
         ("gain", f"differs from the solver's by {c.gain_difference:.1e} (below {SOLVER_LIMIT:.0e})"),
         ("literal problem", f"{c.literal_status}"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ._arrays import Array, integer, readonly
 from .errors import UnobservableWindow
 from .gains import Gain, observability_index, require_determined
@@ -40,6 +42,9 @@ class MinimumVarianceGain(Gain):
     >>> gain = minimum_variance_gain(kinematic(0, 1, 1.0), horizon=2, lag=1)
     >>> gain.K.round(4), gain.K_now.round(4)
     (array([[0.6667, 0.3333]]), array([[0.3333, 0.6667]]))
+    >>> gain
+    MinimumVarianceGain(dim_x=1, rows=2, horizon=2, lag=1): x_now with trace P = 0.666667 and x_lag with
+    trace P = 0.666667
     """
 
     K_now: Array
@@ -47,6 +52,12 @@ class MinimumVarianceGain(Gain):
     P_cross: Array
     L: Array
     L_now: Array
+
+    def __repr__(self) -> str:
+        states, rows = self.K.shape
+        window = f"dim_x={states}, rows={rows}, horizon={self.horizon}, lag={self.lag}"
+        lagged = f" and x_lag with trace P = {np.trace(self.P):.6g}" if self.lag else ""
+        return f"MinimumVarianceGain({window}): x_now with trace P = {np.trace(self.P_now):.6g}{lagged}"
 
 
 def minimum_variance_gain(model: Model, horizon: int, lag: int = 0) -> MinimumVarianceGain:

@@ -10,7 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from tests.theory.test_fms_gain import QW, A, C, G, R, tracking
-from ufirext import kinematic, ufir_gain
+from ufirext import kinematic, minimum_variance_gain, ufir_gain
 from ufirext.certify_cli import certify
 
 TOML = """
@@ -73,6 +73,36 @@ def test_a_json_file_in_our_letters(tmp_path, more):
     result = run(written(tmp_path / "model.json", ours(**more)))
     assert result.exit_code == 0
     assert "optimal, confirmed" in result.output
+
+
+def shown(output):
+    """Heading -> text, of the lines of the table."""
+    lines = [line.split(maxsplit=1) for line in output.splitlines()]
+    return {line[0]: line[1].strip() for line in lines if len(line) == 2}
+
+
+def test_every_number_says_whose_it_is(tmp_path):
+    pair = minimum_variance_gain(kinematic(1, 1, 1.0), 6, 2)
+    now, lagged = np.trace(pair.P_now), np.trace(pair.P)
+    path = written(tmp_path / "pair.json", ours(lag=2))
+    both = run(path).output
+    assert f"x_now with trace P = {now:.6g} and x_lag with trace P = {lagged:.6g}" in " ".join(both.split())
+    assert shown(both)["objective"] == "trace P of x_now and x_lag"
+    assert float(shown(both)["value"].partition(",")[0]) == pytest.approx(now + lagged)
+    for row, whose in enumerate(["x_now[0]", "x_now[1]", "x_lag[0]", "x_lag[1]"]):
+        one = shown(run(path, "--objective", row).output)
+        assert one["objective"] == f"variance of {whose}"
+        variance = np.diag(pair.P_now if row < 2 else pair.P)[row % 2]
+        assert float(one["value"].partition(",")[0]) == pytest.approx(variance)
+
+
+@pytest.mark.parametrize(("lag", "whose"), [(0, "x_now"), (2, "x_lag")])
+def test_the_trace_of_an_unbiased_gain_is_that_of_the_noise_it_passes(tmp_path, lag, whose):
+    table = shown(run(written(tmp_path / "model.json", ours(kind="ufir", lag=lag))).output)
+    passed = ufir_gain(kinematic(1, 1, 1.0), 6, lag).G
+    assert table["objective"] == f"trace P of {whose}"
+    assert table["criterion"].endswith("P without process noise")
+    assert float(table["value"].partition(",")[0]) == pytest.approx(np.trace(passed))
 
 
 def test_horizon_lag_and_objective_from_the_command_line(tmp_path):
