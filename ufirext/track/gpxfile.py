@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +34,8 @@ class Points(NamedTuple):
         Which point of the file, from 1.
     segments : ndarray, (n,)
         Which of its segments, over all tracks, from 1.
+    owners : list
+        Of each segment: the number of its track, and the name of that, None where it has none.
     stamps : ndarray, (n,)
         The time in ISO 8601.
     total : int
@@ -44,6 +47,7 @@ class Points(NamedTuple):
     latlon: Array
     numbers: Integers
     segments: Integers
+    owners: list[tuple[int, str | None]]
     stamps: Texts
     total: int
     left_out: list[LeftOut]
@@ -55,9 +59,11 @@ def read_gpx(path: Path) -> Points:
         content = gpxpy.parse(path.read_bytes())
     except (gpxpy.gpx.GPXException, UnicodeDecodeError, ValueError) as error:
         raise UnusableTrack(f"{path}: not a GPX file: {error}") from error
-    segments = [segment.points for track in content.tracks for segment in track.segments]
+    segments = [
+        (number, track, each) for number, track in enumerate(content.tracks) for each in track.segments
+    ]
     points: list[tuple[int, Any]] = [
-        (part, point) for part, each in enumerate(segments, start=1) for point in each
+        (part, point) for part, (_, _, each) in enumerate(segments, start=1) for point in each.points
     ]
     if not points:
         found = (
@@ -77,7 +83,8 @@ def read_gpx(path: Path) -> Points:
     table = np.array(kept, dtype=float).reshape(-1, 5)
     numbers, parts = table[:, 3].astype(int), table[:, 4].astype(int)
     texts = np.array(stamps, dtype=np.bytes_)
-    return Points(table[:, 0], table[:, 1:3], numbers, parts, texts, len(points), left_out)
+    owners = [(number, track.name) for number, track, _ in segments]
+    return Points(table[:, 0], table[:, 1:3], numbers, parts, owners, texts, len(points), left_out)
 
 
 def _fault(point: Any) -> tuple[str, str] | None:
@@ -91,18 +98,28 @@ def _fault(point: Any) -> tuple[str, str] | None:
     return None
 
 
-def write_gpx(path: Path, seconds: Array, latlon: Array, extras: dict[str, Array], breaks: Integers) -> None:
-    """One track with a new segment at each row of `breaks`; `extras` go to each point's extensions."""
+def write_gpx(
+    path: Path,
+    seconds: Array,
+    latlon: Array,
+    extras: dict[str, Array],
+    breaks: Integers,
+    tracks: Mapping[int, str | None],
+) -> None:
+    """A new segment at each row of `breaks`, a new track, with its name, at each of `tracks`.
+
+    `extras` go to each point's extensions.
+    """
     content = gpxpy.gpx.GPX()
     content.creator = "ufirext"
     content.nsmap["ufirext"] = _NAMESPACE
-    track = gpxpy.gpx.GPXTrack()
-    content.tracks.append(track)
-    starts = set(breaks.tolist()) | {0}
+    names = {0: None, **tracks}
+    starts = {*breaks.tolist(), *names}
     for row, (stamp, (lat, lon)) in enumerate(zip(seconds.tolist(), latlon.tolist(), strict=True)):
+        if row in names:
+            content.tracks.append(track := gpxpy.gpx.GPXTrack(name=names[row]))
         if row in starts:
-            segment = gpxpy.gpx.GPXTrackSegment()
-            track.segments.append(segment)
+            track.segments.append(segment := gpxpy.gpx.GPXTrackSegment())
         point = gpxpy.gpx.GPXTrackPoint(lat, lon, time=_START + timedelta(seconds=stamp))
         for name, values in extras.items():
             if np.isfinite(values[row]):

@@ -37,6 +37,7 @@ class Parts:
     age_unit: str = "s"
     truth: Array | None = None
     segments: Integers | None = None
+    owners: list[tuple[int, str | None]] = field(default_factory=list)
     zoneless: int = 0
     notes: list[str] = field(default_factory=list)
 
@@ -86,6 +87,7 @@ def ordered(path: Path, parts: Parts) -> Track:
         rows_read=parts.rows_read,
         left_out=sorted(left_out),
         breaks=_breaks(parts.segments),
+        tracks=_tracks(parts),
         notes=parts.notes,
     )
 
@@ -104,6 +106,19 @@ def _breaks(segments: Integers | None) -> Integers:
     if segments is None:
         return np.zeros(0, dtype=np.int64)
     return 1 + np.flatnonzero(np.diff(segments))
+
+
+def _tracks(parts: Parts) -> dict[int, str | None]:
+    """Rows at which another track begins, with its name."""
+    if parts.segments is None:
+        return {}
+    found: dict[int, str | None] = {}
+    before = None
+    for row in (0, *_breaks(parts.segments).tolist()):
+        owner = parts.owners[parts.segments[row] - 1]
+        if owner != before:
+            before, found[row] = owner, owner[1]
+    return found
 
 
 def _overlaps(parts: Parts, lost: int) -> list[str]:

@@ -109,6 +109,7 @@ def _from_gpx(path: Path) -> Parts:
         rows_read=points.total,
         left_out=points.left_out,
         segments=points.segments,
+        owners=points.owners,
     )
     _leave_out_far(parts, points.latlon)
     return parts

@@ -67,6 +67,8 @@ class Track:
         Ties the plane to latitude and longitude, where the file does.
     breaks : ndarray of int
         Rows, past the first, at which a new segment of the file begins: nothing is known of the way there.
+    tracks : dict
+        Row at which a track of a GPX file begins -> its name, None where it has none.
     epoch : bool
         Whether `seconds` count from 1970-01-01T00:00:00Z.
     dates : bool
@@ -89,6 +91,7 @@ class Track:
     truth: Array | None = None
     frame: LocalFrame | None = None
     breaks: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    tracks: dict[int, str | None] = field(default_factory=dict)
     epoch: bool = False
     dates: bool = False
     counted: str = "line"

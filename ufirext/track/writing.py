@@ -38,7 +38,7 @@ def write_track(path: Path, track: Track, estimates: Estimates, progress: Progre
     try:
         if path.suffix.lower() == ".gpx" and latlon is not None:
             extras = {**_states(track, estimates), "ready": estimates.ready.astype(float)}
-            write_gpx(path, track.seconds, latlon, extras, estimates.starts)
+            write_gpx(path, track.seconds, latlon, extras, estimates.starts, track.tracks)
         else:
             _write_csv(path, track, estimates, latlon, progress)
     except OSError as error:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
+from itertools import zip_longest
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
@@ -23,11 +25,11 @@ from ufirext.track.writing import write_track
 START = datetime(2024, 5, 1, 12, tzinfo=UTC)
 
 
-def write_gpx(path, tracks):
+def write_gpx(path, tracks, names=()):
     """Tracks of segments of (seconds, metres to the north) each."""
     text = '<gpx version="1.1" creator="a" xmlns="http://www.topografix.com/GPX/1/1">'
-    for segments in tracks:
-        text += "<trk>"
+    for segments, name in zip_longest(tracks, names):
+        text += "<trk>" + ("" if name is None else f"<name>{escape(name)}</name>")
         for points in segments:
             rows = (
                 f'<trkpt lat="{51 + metres / 111_000:.9f}" lon="13">'
@@ -74,18 +76,50 @@ def choose_of(path):
     return choose(track, timing(track), Wish(order=1))
 
 
-def test_segments_come_out_as_they_came_in_and_are_counted(tmp_path):
+def test_tracks_and_segments_come_out_as_they_came_in_and_are_counted(tmp_path):
     track = read_track(write_gpx(tmp_path / "a.gpx", [[leg(0, 40), leg(50, 40)], [leg(95, 25)]]))
     axis = timing(track)
     choice = choose(track, axis, Wish(order=1, horizon=8))
     estimates = run(track, axis, choice.motion)
     write_track(tmp_path / "out.gpx", track, estimates)
     content = gpxpy.parse((tmp_path / "out.gpx").read_text())
-    assert [len(each.points) for each in content.tracks[0].segments] == [40, 40, 25]
+    assert [[len(each.points) for each in part.segments] for part in content.tracks] == [[40, 40], [25]]
     table = dict(facts(track, axis, choice, estimates, summarise(track, estimates)))
     assert table["segments"] == "3, up to 11 s apart; a fresh start in each"
     assert table["gaps"] == "none"
     assert track.notes == []
+
+
+def test_the_names_of_tracks_stay_with_their_points(tmp_path):
+    """Out of order in the file, interleaved in time, with a gap that no window spans, and one unnamed."""
+    there, back, later = "There & <back>", "Zurück", None
+    tracks = [[leg(100, 30)], [leg(0, 30), leg(200, 30) + leg(400, 30)], [leg(600, 30)]]
+    track = read_track(write_gpx(tmp_path / "a.gpx", tracks, [there, back, later]))
+    estimates = run(track, timing(track), Motion(1, 12))
+    write_track(tmp_path / "out.gpx", track, estimates)
+    content = gpxpy.parse((tmp_path / "out.gpx").read_text(encoding="utf-8"))
+    assert [each.name for each in content.tracks] == [back, there, back, later]
+    assert [[len(each.points) for each in part.segments] for part in content.tracks] == [
+        [30],
+        [30],
+        [30, 30],
+        [30],
+    ]
+    assert [(part.segments[0].points[0].time - START).seconds for part in content.tracks] == [
+        0,
+        100,
+        200,
+        600,
+    ]
+
+
+def test_a_table_becomes_one_track_without_a_name(tmp_path):
+    rows = "".join(f"{second},51.{second:03d},13\n" for second in range(30))
+    (tmp_path / "a.csv").write_text(f"time,lat,lon\n{rows}", encoding="utf-8")
+    track = read_track(tmp_path / "a.csv")
+    write_track(tmp_path / "out.gpx", track, run(track, timing(track), Motion(1, 12)))
+    (written,) = gpxpy.parse((tmp_path / "out.gpx").read_text()).tracks
+    assert (written.name, len(written.segments)) == (None, 1)
 
 
 def test_segments_are_put_in_order_of_time(tmp_path):
