@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
 from .._arrays import Array
 from .columns import Columns, find_columns, normalised, plane_is_told, unused_delays
+from .fields import encoding_of, header_of, place_in, rows_of
 from .series import Integers, LeftOut, Mask, Progress, Texts, UnusableTrack, silent
 from .stamps import Clock, joined, leap_second, numbers, past_midnight, without_zone
 from .units import BASE, Unit, split_unit
@@ -90,18 +88,18 @@ def read_table(
     Comma, semicolon, tab or bar between the fields; decimal commas where the comma does not separate;
     UTF-8 or UTF-16, with or without a byte order mark; lines that start with "#" are comments.
     """
-    encoding = _encoding(path)
+    encoding = encoding_of(path)
     size = max(path.stat().st_size, 1)
     blocks: list[tuple[dict[str, Array], Integers, Texts]] = []
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
-        header, delimiter, first = _header(file, path)
+        header, delimiter, first = header_of(file, path)
         layout = _layout(header, delimiter, told, path, delay_unit)
-        rows = _rows(file, delimiter, first)
+        rows = rows_of(file, delimiter, first)
         rows_read = 0
         while block := list(islice(rows, _BLOCK)):
             rows_read += len(block)
             blocks.append(_parsed(block, layout))
-            progress("reading", min(_place(file), size), size)
+            progress("reading", min(place_in(file), size), size)
     if not rows_read:
         raise UnusableTrack(f"{path}: only a header, no rows")
     clock = layout.clock or Clock("number")
@@ -121,45 +119,6 @@ def read_table(
         layout.zoneless,
         layout.notes + _converted(layout, clock),
     )
-
-
-def _place(file: TextIO) -> int:
-    """Bytes read so far: of the file below the text, which itself cannot tell while it is iterated."""
-    buffer = file.buffer
-    return buffer.tell() if isinstance(buffer, io.BufferedReader) else 0
-
-
-def _encoding(path: Path) -> str:
-    with path.open("rb") as file:
-        head = file.read(8192)
-    if not head.strip():
-        raise UnusableTrack(f"{path}: the file is empty")
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
-    if sum(byte < 9 or 13 < byte < 32 for byte in head) > len(head) // 20:  # a logger may die amid zeros
-        raise UnusableTrack(f"{path}: a binary file, not a table of text or GPX")
-    return "utf-8-sig"
-
-
-def _header(file: TextIO, path: Path) -> tuple[list[str], str, int]:
-    """Names of the columns, the delimiter, and the number of the header's line."""
-    for number, line in enumerate(iter(file.readline, ""), start=1):
-        if line.strip() and not line.startswith("#"):
-            break
-        if number > 1000:
-            raise UnusableTrack(f"{path}: no header in the first 1000 lines")
-    else:
-        raise UnusableTrack(f"{path}: no header, only empty lines and comments")
-    if line.lstrip().startswith("<"):
-        raise UnusableTrack(f"{path}: XML, but not GPX")
-    delimiter = max(",;\t|", key=line.count)
-    try:
-        header = next(csv.reader([line], delimiter=delimiter))
-    except (csv.Error, StopIteration) as error:
-        raise UnusableTrack(f"{path}: line {number} is no header: {error}") from error
-    if np.isfinite(numbers(header, decimal_comma=delimiter != ",")).any():
-        raise UnusableTrack(f"{path}: line {number} must name the columns, got {line.strip()[:60]!r}")
-    return header, delimiter, number
 
 
 def _layout(
@@ -192,23 +151,6 @@ def _converted(layout: _Layout, clock: Clock) -> list[str]:
         + "; ".join(f"{' and '.join(names)} from {unit} to {base}" for (unit, base), names in each.items())
         for why, each in groups.items()
     ]
-
-
-def _rows(file: TextIO, delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
-    """Line number and fields of every line that is neither empty nor a comment.
-
-    Line by line, so that a stray quote spoils its own line and not the rest of the file.
-    """
-    for number, line in enumerate(file, start=before + 1):
-        if line.isspace() or line.startswith("#"):
-            continue
-        if '"' not in line:
-            yield number, line.rstrip("\n").split(delimiter)
-            continue
-        try:
-            yield number, next(csv.reader([line.rstrip("\n")], delimiter=delimiter))
-        except csv.Error:  # a field longer than the module allows
-            yield number, []
 
 
 def _parsed(block: list[tuple[int, list[str]]], layout: _Layout) -> tuple[dict[str, Array], Integers, Texts]:
