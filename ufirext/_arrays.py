@@ -223,7 +223,14 @@ def flat(array: Array, size: int, name: str) -> Array:
     return array.reshape(-1)
 
 
-def integer(value: Any, name: str, lowest: int, highest: int | None = None, advice: str = "") -> int:
+def integer(
+    value: Any,
+    name: str,
+    lowest: int,
+    highest: int | None = None,
+    advice: str = "",
+    refusal: type[UfirextError] = HorizonError,
+) -> int:
     """`value` as an int in [lowest, highest]; bools and floats are refused."""
     tail = f"; {advice}" if advice else ""
     try:
@@ -231,11 +238,16 @@ def integer(value: Any, name: str, lowest: int, highest: int | None = None, advi
             raise TypeError("a bool is not a count")
         number = operator.index(value)
     except TypeError as error:
-        raise HorizonError(f"{name} must be an integer, got {value!r}{tail}") from error
+        raise refusal(f"{name} must be an integer, got {shown(value)}{tail}") from error
     if number < lowest or (highest is not None and number > highest):
         wanted = f"at least {lowest}" if highest is None else f"between {lowest} and {highest}"
-        raise HorizonError(f"{name} must be {wanted}, got {shown(number)}{tail}")
+        raise refusal(f"{name} must be {wanted}, got {shown(number)}{tail}")
     return number
+
+
+def dimension(value: Any, name: str, lowest: int, counted: str) -> int:
+    """`value` as an int of at least `lowest`: how many of what is counted there are."""
+    return integer(value, name, lowest, advice=f"it is the number of {counted}", refusal=ShapeError)
 
 
 def require_counts(array: np.ndarray[Any, Any], name: str) -> None:

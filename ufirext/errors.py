@@ -24,7 +24,7 @@ class UfirextError(ValueError):
 
 
 class ShapeError(UfirextError):
-    """An array has the wrong shape.
+    """An array has the wrong shape, or a dimension is none.
 
     Examples
     --------

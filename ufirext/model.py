@@ -13,6 +13,7 @@ from ._arrays import (
     Array,
     check_covariance,
     covariance,
+    dimension,
     finite,
     integer,
     matrix,
@@ -183,8 +184,8 @@ def kinematic(order: int, dim: int, dt: float, *, q: float = 1.0, r: float = 1.0
     array([[1. , 0.5],
            [0. , 1. ]])
     """
-    order = integer(order, "order", 0, 2)
-    dim = integer(dim, "dim", 1)
+    order = integer(order, "order", 0, 2, "it is the highest derivative among the states", ShapeError)
+    dim = dimension(dim, "dim", 1, "axes")
     dt = _seconds(dt)
     for name, value in (("q", q), ("r", r)):
         if not 0.0 <= number(value, name) < math.inf:

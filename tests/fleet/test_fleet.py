@@ -325,8 +325,10 @@ class TestRefusals:
                 Fleet(PLANE, 5, 3, missing=missing)
         with pytest.raises(UfirextError, match=r"model must be a ufirext\.Model"):
             Fleet("plane", 5, 3)
-        with pytest.raises(HorizonError, match="tracks must be at least 0"):
+        with pytest.raises(ShapeError, match="tracks must be at least 0"):
             Fleet(PLANE, 5, -1)
+        with pytest.raises(ShapeError, match=r"count must be an integer, got 1\.0"):
+            Fleet(PLANE, 5, 1).join(1.0)
 
     def test_measurements(self):
         fleet = Fleet(PLANE, 5, 3)

@@ -7,11 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, column, finite, flat, integer, masked_constant, matrix, readings, real
+from .._arrays import Array, column, dimension, finite, flat, integer, masked_constant, matrix, readings, real
 from ..errors import NonFiniteError, UfirextError
 
 if TYPE_CHECKING:
     from ..channels import Channel
+
+
+def dimensions(dim_x: int, dim_z: int, dim_u: int) -> tuple[int, int, int]:
+    """Sizes of a filter, checked."""
+    return (
+        dimension(dim_x, "dim_x", 1, "states"),
+        dimension(dim_z, "dim_z", 1, "measured components"),
+        dimension(dim_u, "dim_u", 0, "inputs (0: any)"),
+    )
 
 
 def measurement(z: ArrayLike | None, m: int) -> Array | None:

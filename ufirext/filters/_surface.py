@@ -144,7 +144,7 @@ class FilterSurface(Attributes):
         state = self._state
         state.settle()
         values = readings(z_i, "z_i").reshape(-1)
-        start = integer(start, "start", 0, self.dim_z - 1)
+        start = integer(start, "start", 0, self.dim_z - 1, "it is a component of z", ShapeError)
         stop = start + len(values)
         if not 1 <= len(values) <= self.dim_z - start:
             raise ShapeError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._arrays import Array, integer
 from ..channels import Channel
-from ._arguments import checked_channel
+from ._arguments import checked_channel, dimensions
 from ._channel_fms import fms_state
 from ._describe import describe
 from ._fms_state import FMSState
@@ -54,6 +54,8 @@ class FMSFilterSmoother(WindowFilter):
         For a horizon or lag out of range; from `update`, for a delay that the channel cannot produce.
     UfirextError
         For a channel and a max_delay together.
+    ShapeError
+        For a dimension that is none; from the verbs, for arrays that do not fit.
     UnobservableWindow
         From the first verb, if the window can never determine the states; from `x_lag` and its kin, while the
         window does not determine that state.
@@ -94,8 +96,7 @@ class FMSFilterSmoother(WindowFilter):
         channel: Channel | None = None,
         max_delay: int | None = None,
     ) -> None:
-        dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
-        dim_u = integer(dim_u, "dim_u", 0)
+        dim_x, dim_z, dim_u = dimensions(dim_x, dim_z, dim_u)
         horizon, lag = _window(horizon, lag)
         state = fms_state(dim_x, dim_z, horizon, lag, checked_channel(channel, max_delay))
         super().__init__(dim_x, dim_z, dim_u, state)

@@ -14,7 +14,7 @@ from ..channels import Channel
 from ..diagnostics import Guarantee, WorstCase
 from ..errors import UfirextError
 from ..recursions.hinfinity import Form
-from ._arguments import late_channel
+from ._arguments import dimensions, late_channel
 from ._describe import describe
 from ._robust import RobustState, Theta, checked_theta
 from .kalman import LateFilter
@@ -100,6 +100,8 @@ class DelayHInfinityFilter(LateFilter):
         measurements that are too little one by one can be given in one call, with stacked H and R.
     UfirextError
         For bad options.
+    ShapeError
+        For a dimension that is none; from the verbs, for arrays that do not fit.
 
     Notes
     -----
@@ -141,8 +143,7 @@ class DelayHInfinityFilter(LateFilter):
         max_delay: int = 0,
         channel: Channel | None = None,
     ) -> None:
-        dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
-        dim_u = integer(dim_u, "dim_u", 0)
+        dim_x, dim_z, dim_u = dimensions(dim_x, dim_z, dim_u)
         one_of(form, FORMS, "form")
         one_of(on_violation, ON_VIOLATION, "on_violation")
         if not 0.0 < checked_theta(fraction, "fraction") < 1.0:

@@ -10,7 +10,7 @@ from .._arrays import Array, integer, one_of
 from ..channels import Channel
 from ..errors import UfirextError
 from ..recursions.delayed import Correlation
-from ._arguments import late_channel
+from ._arguments import dimensions, late_channel
 from ._delayed import RecursiveState
 from ._describe import describe
 from ._late import LateState
@@ -114,6 +114,8 @@ class DelayKalmanFilter(LateFilter):
         "exact" must invert it.
     HorizonError
         For a delay outside 0..max_delay.
+    ShapeError
+        For a dimension that is none; from the verbs, for arrays that do not fit.
 
     Examples
     --------
@@ -143,8 +145,7 @@ class DelayKalmanFilter(LateFilter):
         method: str = "exact",
         channel: Channel | None = None,
     ) -> None:
-        dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
-        dim_u = integer(dim_u, "dim_u", 0)
+        dim_x, dim_z, dim_u = dimensions(dim_x, dim_z, dim_u)
         one_of(method, METHODS, "method")
         channel = late_channel(channel, max_delay)
         self._method = method

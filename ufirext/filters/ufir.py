@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._arrays import Array, integer, one_of
+from .._arrays import Array, one_of
 from ..errors import UfirextError
-from ._arguments import checked_channel
+from ._arguments import checked_channel, dimensions
 from ._describe import describe
 from ._policy import new_state, with_policy
 from ._ufir_state import MISSING, WINDOWS, UFIRState, checked_horizon
@@ -62,6 +62,8 @@ class UFIRFilter(WindowFilter):
     HorizonError
         For a horizon that is none, or whose window does not fit into memory; from `update`, for a delay that
         the channel cannot produce.
+    ShapeError
+        For a dimension that is none; from the verbs, for arrays that do not fit.
 
     Notes
     -----
@@ -99,8 +101,7 @@ class UFIRFilter(WindowFilter):
         channel: Channel | None = None,
         max_delay: int | None = None,
     ) -> None:
-        dim_x, dim_z = integer(dim_x, "dim_x", 1), integer(dim_z, "dim_z", 1)
-        dim_u = integer(dim_u, "dim_u", 0)
+        dim_x, dim_z, dim_u = dimensions(dim_x, dim_z, dim_u)
         one_of(missing, MISSING, "missing")
         one_of(window, WINDOWS, "window")
         channel = checked_channel(channel, max_delay)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._array_api import Space, is_native
-from .._arrays import Array, integer, one_of, require_counts, without_mask
+from .._arrays import Array, dimension, one_of, require_counts, without_mask
 from ..errors import HorizonError, ShapeError, UfirextError
 from ..horizon import best_horizon, check_horizon
 from ..model import Model
@@ -56,8 +56,9 @@ class Fleet:
     Raises
     ------
     HorizonError, UnobservableWindow
-        For a horizon that is no positive integer, or one that can never determine the state; for a number of
-        tracks below 0.
+        For a horizon that is no positive integer, or one that can never determine the state.
+    ShapeError
+        For a number of tracks that is none.
     UfirextError
         For a word that `missing` does not know.
 
@@ -98,7 +99,8 @@ class Fleet:
             horizon = best_horizon(model)
         self.model, self.missing = model, missing
         self.horizon = check_horizon(horizon, model)
-        self._engine = Engine(model, self.horizon, integer(tracks, "tracks", 0), extends=missing == "extend")
+        tracks = dimension(tracks, "tracks", 0, "slots")
+        self._engine = Engine(model, self.horizon, tracks, extends=missing == "extend")
 
     # -- one tick --------------------------------------------------------------------------------------------
 
@@ -158,7 +160,7 @@ class Fleet:
             Their slots: free ones first, lowest first, then new ones at the end (`tracks` grows, which copies
             the fleet once). A track keeps its slot until it leaves.
         """
-        return self._engine.join(integer(count, "count", 0))
+        return self._engine.join(dimension(count, "count", 0, "new tracks"))
 
     def leave(self, slots: Any) -> None:
         """End the tracks in these slots (an int or integers); what they measured is forgotten.
