@@ -250,6 +250,12 @@ def dimension(value: Any, name: str, lowest: int, counted: str) -> int:
     return integer(value, name, lowest, advice=f"it is the number of {counted}", refusal=ShapeError)
 
 
+def lag_within(horizon: int, lag: Any) -> int:
+    """`lag` as an int: how many steps before its newest state a window of `horizon` steps is asked for."""
+    held = f"the window holds {horizon} state{'s' if horizon != 1 else ''}, up to the newest one"
+    return integer(lag, "lag", 0, horizon - 1, held)
+
+
 def require_counts(array: np.ndarray[Any, Any], name: str) -> None:
     """Raise unless the integers of `array` are at least 0 and fit into int64, where unsigned ones may not."""
     if not array.size:

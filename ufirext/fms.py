@@ -161,7 +161,7 @@ def fms_gain(
            [0.3333, 0.6667]])
     """
     M = integer(M, "M", 1)
-    d = integer(d, "d", 0, M, "the window [i-M, i) holds no state older than x_{i-M}")
+    d = integer(d, "d", 0, M, f"the window [i-{M}, i) holds no state older than x_{{i-{M}}}")
     model, root = _model(A, C, Q, R, B, G)
     window = fms_window(model, M, d)
     if start_length(window, model.dim_x + 1) is None:

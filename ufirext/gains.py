@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ._arrays import Array, integer, readonly, symmetric
+from ._arrays import Array, integer, lag_within, readonly, symmetric
 from ._constant import PATH_ROUNDING, constant_covariance, constant_gain
 from .errors import HorizonError, UfirextError, UnobservableWindow
 from .growing import grown_covariance, grown_gain, noise_paths, root, unwhitened
@@ -112,7 +112,7 @@ def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
            [-0.5   ,  0.    ,  0.5   ]])
     """
     horizon = horizon_count(horizon, model)
-    lag = integer(lag, "lag", 0, horizon - 1, "the window holds `horizon` states and ends at the newest")
+    lag = lag_within(horizon, lag)
     K = constant_gain(model, horizon, lag)
     if K is None:
         window = model_window(model, horizon, lag)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._arrays import Array, integer, readonly
+from ._arrays import Array, integer, lag_within, readonly
 from .errors import UnobservableWindow
 from .gains import Gain, observability_index, require_determined
 from .joint import joint_gain, require_definite
@@ -103,7 +103,7 @@ def minimum_variance_gain(model: Model, horizon: int, lag: int = 0) -> MinimumVa
     True
     """
     horizon = integer(horizon, "horizon", 1)
-    lag = integer(lag, "lag", 0, horizon - 1, "the window holds horizon states, up to the newest one")
+    lag = lag_within(horizon, lag)
     require_definite(model.R)
     window = model_window(model, horizon, lag)
     if start_length(window, model.dim_x + 1) is None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._arrays import Array, column, covariance, finite, integer, matrix, readonly
+from ._arrays import Array, column, covariance, finite, integer, lag_within, matrix, readonly
 from .errors import UfirextError
 from .joint import joint_gain, require_definite
 from .minimum_variance import minimum_variance_gain
@@ -132,7 +132,7 @@ def ofir(model: Model, horizon: int, P: ArrayLike, *, rho: float = 1.0, lag: int
     array([[0.25, 0.25, 0.25, 0.25]])
     """
     horizon = integer(horizon, "horizon", 1)
-    lag = integer(lag, "lag", 0, horizon - 1, "the window holds horizon states, up to the newest one")
+    lag = lag_within(horizon, lag)
     trust = covariance(P, model.dim_x, "P", "(dim_x, dim_x)")
     if not rho >= 0.0:
         raise UfirextError(f"rho must be a factor on P, 0 or more (math.inf: no prior), got {rho!r}")

@@ -96,7 +96,7 @@ def _design(plant: Plant, model: Model, root: Array, horizon: int, lag: int, for
     n, predicts = plant.dim_x, form == "predictor"
     horizon = integer(horizon, "horizon", 1)
     newest = horizon if predicts else horizon - 1
-    lag = integer(lag, "lag", 0, newest, "the window reaches no further back")
+    lag = integer(lag, "lag", 0, newest, f"the window of {horizon} steps reaches no further back")
     window = Window(
         F=[model.F] * newest,
         Q=[model.Q] * newest,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, integer, one_of
+from .._arrays import Array, integer, lag_within, one_of
 from ..engines.records import Limits
 from ..errors import UfirextError
 from ..gains import observability_index
@@ -204,7 +204,7 @@ def checked(
         )
     one_of(options["beyond"], BEYOND, "beyond")
     chosen = chosen_horizon(model, horizon)
-    lag = integer(options["lag"], "lag", 0, chosen - 1)
+    lag = lag_within(chosen, options["lag"])
     delay = integer(options["longest_delay"], "longest_delay", 0)
     least = chosen - 1 + lag + delay
     wide = (

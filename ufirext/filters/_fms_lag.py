@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._arrays import Array, integer
+from .._arrays import Array, lag_within
 from ..engines.covariance import Covariance
 from ..engines.pairs import PairRing
 from ..engines.segmented import Lagged, Prior, Segmented
@@ -86,7 +86,7 @@ class LaggedState(EngineState):
 
     def lagged(self, lag: int) -> Lagged:
         """The state `lag` steps before the last update(), from everything that had come by then."""
-        lag = integer(lag, "lag", 0, self.horizon - 1, "the window holds horizon states")
+        lag = lag_within(self.horizon, lag)
         return self.pair() if lag == self.lag < self.lag_at else self._lagged(self.lag_at - lag)
 
     def _oldest(self) -> int:

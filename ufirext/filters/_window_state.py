@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array, integer
+from .._arrays import Array, integer, lag_within
 from ..engines.covariance import Covariance
 from ..engines.plan import plan
 from ..engines.records import Limits, Records, Solution
@@ -259,7 +259,7 @@ class WindowState(EngineState):
     def lagged(self, lag: int) -> tuple[Array, Covariance]:
         """The state `lag` steps ago from the window."""
         limits = self.limits
-        lag = integer(lag, "lag", 0, limits.horizon - 1, "the window holds horizon states")
+        lag = lag_within(limits.horizon, lag)
         if lag == 0:
             return self.x, self.P
         solution = self._as_records().solve(limits, lag)

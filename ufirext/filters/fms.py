@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Array, integer
+from .._arrays import Array, integer, lag_within
 from ..channels import Channel
 from ._arguments import checked_channel, dimensions
 from ._channel_fms import fms_state
@@ -210,6 +210,4 @@ class FMSFilterSmoother(WindowFilter):
 
 def _window(horizon: Any, lag: Any) -> tuple[int, int]:
     horizon = integer(horizon, "horizon", 1, advice="give a count of steps")
-    return horizon, integer(
-        lag, "lag", 0, horizon - 1, "the window holds horizon states, up to the newest one"
-    )
+    return horizon, lag_within(horizon, lag)

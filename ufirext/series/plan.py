@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, covariance, integer
+from .._arrays import Array, covariance, lag_within
 from ..gains import Gain, horizon_count, ufir_gain
 from ..minimum_variance import minimum_variance_gain
 from ..model import Model
@@ -168,7 +168,7 @@ def series_plan(
     (300, True)
     """
     horizon = chosen_horizon(model, horizon)
-    lag = integer(lag, "lag", 0, horizon - 1, "the window holds horizon states, up to the newest one")
+    lag = lag_within(horizon, lag)
     return _shared_plan(
         model_with(model, noise), horizon, lag, noise is None if unbiased is None else unbiased
     )

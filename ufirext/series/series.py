@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._array_api import is_native
-from .._arrays import Array, integer, one_of
+from .._arrays import Array, lag_within, one_of
 from ..errors import UfirextError
 from ..filters._window_state import MISSING, WINDOWS
 from ..gains import observability_index
@@ -159,7 +159,7 @@ def filter_series(
 def _window(model: Model, horizon: int | str, lag: int) -> tuple[int, int]:
     """Horizon and lag, checked."""
     chosen = chosen_horizon(model, horizon)
-    return chosen, integer(lag, "lag", 0, chosen - 1, "the window holds horizon states, up to the newest one")
+    return chosen, lag_within(chosen, lag)
 
 
 def _enough(model: Model, horizon: int, lag: int, steps: int) -> int:
@@ -185,6 +185,6 @@ def _require_possible(request: Request, window: str) -> None:
         )
     if request.delays is not None and window == "arrivals":
         raise UfirextError(
-            'minimum variance with delays needs window="origins": its window holds the states of the last '
-            "horizon steps"
+            'minimum variance with delays needs window="origins": its window goes by when a state was, not '
+            "by when its measurement came"
         )
