@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,20 @@ def dimensions(dim_x: int, dim_z: int, dim_u: int) -> tuple[int, int, int]:
         dimension(dim_z, "dim_z", 1, "measured components"),
         dimension(dim_u, "dim_u", 0, "inputs (0: any)"),
     )
+
+
+class NoFilter(UfirextError, TypeError):
+    """An object that is no filter to take over; also a TypeError."""
+
+
+def require_filter(given: Any, name: str, kind: str, attributes: Sequence[str]) -> None:
+    """Raise unless an object has the attributes of a filter of this kind."""
+    lacking = [attribute for attribute in attributes if not hasattr(given, attribute)]
+    if lacking:
+        raise NoFilter(
+            f"{name} must be a {kind}, or have its attributes, got a {type(given).__name__} without "
+            f"{', '.join(lacking)}; give a filter, ready to run"
+        )
 
 
 def measurement(z: ArrayLike | None, m: int) -> Array | None:

@@ -11,13 +11,16 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, covariance, integer, matrix, readings, real
 from ..errors import ShapeError
-from ._arguments import measurement
+from ._arguments import measurement, require_filter
 from ._attributes import Attributes
 from ._checks import scalar
 from ._describe import describe
 from ._series import PerStep, run_series, smooth_series
 from ._state import FilterState
 from ._update import LOG_SMALLEST, log_normal
+
+# What there is to take over from another filter.
+TAKEN_OVER = ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha")
 
 
 class DimensionMismatch(ShapeError, AssertionError):
@@ -214,9 +217,15 @@ class FilterSurface(Attributes):
 
         return from_statespace(cls, sys, QN, RN, **options)
 
+    @staticmethod
+    def _dimensions_of(kf: Any) -> tuple[int, int, int]:
+        """dim_x, dim_z and dim_u of a filterpy KalmanFilter, or of anything with its attributes."""
+        require_filter(kf, "kf", "filterpy.kalman.KalmanFilter", ("dim_x", "dim_z", *TAKEN_OVER, "inv"))
+        return kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0
+
     def _take_over(self, kf: Any) -> None:
-        """Model and state of a filterpy KalmanFilter, or of anything with its attributes, as copies."""
-        for name in ("F", "H", "Q", "R", "B", "P", "x", "M", "alpha"):
+        """Its model and state, as copies."""
+        for name in TAKEN_OVER:
             setattr(self, name, copy.deepcopy(getattr(kf, name)))
         self.inv = kf.inv
 

@@ -112,8 +112,13 @@ class FMSFilterSmoother(WindowFilter):
         horizon, lag : int
         **options
             Further keywords of FMSFilterSmoother.
+
+        Raises
+        ------
+        TypeError
+            For an object that lacks them, with their names.
         """
-        new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, lag=lag, **options)
+        new = cls(*cls._dimensions_of(kf), horizon=horizon, lag=lag, **options)
         new._take_over(kf)
         return new
 

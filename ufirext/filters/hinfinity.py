@@ -14,7 +14,7 @@ from ..channels import Channel
 from ..diagnostics import Guarantee, WorstCase
 from ..errors import UfirextError
 from ..recursions.hinfinity import Form
-from ._arguments import dimensions, late_channel
+from ._arguments import dimensions, late_channel, require_filter
 from ._describe import describe
 from ._robust import RobustState, Theta, checked_theta
 from .kalman import LateFilter
@@ -23,6 +23,7 @@ __all__ = ["DelayHInfinityFilter"]
 
 FORMS = ("posterior", "prior", "mixed")
 ON_VIOLATION = ("raise", "clip")
+TAKEN_OVER = ("dim_x", "dim_z", "dim_u", "F", "H", "P", "x", "B", "gamma", "Q", "W", "V")
 
 
 class RenamedAttribute(UfirextError, AttributeError):
@@ -172,7 +173,14 @@ class DelayHInfinityFilter(LateFilter):
             Configured; its gamma is theta.
         **options
             Keywords of DelayHInfinityFilter; theta takes the place of gamma.
+
+        Raises
+        ------
+        TypeError
+            For an object that lacks them, with their names.
         """
+        require_filter(hinf, "hinf", "filterpy.hinfinity.HInfinityFilter", TAKEN_OVER)
+        hinf = copy.deepcopy(hinf)  # edits of its arrays are its own
         options = {"theta": hinf.gamma, "S": hinf.Q, **options}
         new = cls(hinf.dim_x, hinf.dim_z, hinf.dim_u or 0, **options)
         new.F, new.H, new.P, new.x = hinf.F, hinf.H, hinf.P, hinf.x

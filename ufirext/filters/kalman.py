@@ -161,8 +161,13 @@ class DelayKalmanFilter(LateFilter):
             Or any object with its attributes.
         **options
             Keywords of DelayKalmanFilter.
+
+        Raises
+        ------
+        TypeError
+            For an object that lacks them, with their names.
         """
-        new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, **options)
+        new = cls(*cls._dimensions_of(kf), **options)
         new._take_over(kf)
         return new
 

@@ -119,8 +119,13 @@ class UFIRFilter(WindowFilter):
         horizon : int, "auto" or "adaptive"
         **options
             Further keywords of UFIRFilter.
+
+        Raises
+        ------
+        TypeError
+            For an object that lacks them, with their names.
         """
-        new = cls(kf.dim_x, kf.dim_z, getattr(kf, "dim_u", 0) or 0, horizon=horizon, **options)
+        new = cls(*cls._dimensions_of(kf), horizon=horizon, **options)
         new._take_over(kf)
         return new
 
