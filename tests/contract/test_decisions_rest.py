@@ -91,6 +91,23 @@ def test_the_horizon_may_be_changed_in_mid_life(column, rng, before, after):
 
 
 @pytest.mark.contract("horizon")
+@pytest.mark.parametrize("after", [5, 12, 40])
+def test_what_a_shorter_or_longer_window_has_published_waits_to_be_read(rng, after):
+    """P_prior and S lean on the window before, whose steps and rows the new one forgets."""
+    late, soon = (constant_velocity(UFIRFilter, horizon=30) for _ in range(2))
+    noises = [np.eye(2) * (5.0 if n % 7 == 0 else 0.1) for n in range(402)]
+    for n, (z, Q) in enumerate(zip(walk(rng, 402, 1), noises, strict=True)):
+        if n == 400:
+            late.horizon = soon.horizon = after
+        for f in (late, soon):
+            f.predict(Q=Q)
+            _ = soon.P
+            f.update(z)
+    for name in ("P_prior", "S", "P", "K"):
+        np.testing.assert_allclose(getattr(late, name), getattr(soon, name), rtol=1e-9)
+
+
+@pytest.mark.contract("horizon")
 @pytest.mark.parametrize("q", [1e-6, 1e-2, 100.0])
 def test_by_default_the_horizon_comes_from_the_model(column, q):
     f = plane(UFIRFilter, column, q=q)

@@ -36,7 +36,8 @@ class Varying(Records):
         """Take over a past."""
         engine = object.__new__(cls)
         engine.__dict__.update(records.__dict__)
-        engine.peaks = None
+        # Covariances that nobody has read yet lean on the other one as it stands.
+        engine.steps, engine.rows, engine.peaks = records.steps.copy(), records.rows.copy(), None
         engine._begin(limits)
         return engine
 
