@@ -268,3 +268,37 @@ def test_a_covariance_may_be_edited_entry_by_entry_between_verbs(make):
     f.Q[1, 0] = 0.5
     f.predict()
     assert f.P[0, 1] == f.P[1, 0] == 0.5
+
+
+@pytest.mark.contract("EDITS", better=True)
+@pytest.mark.parametrize("name", ["x", "P", "F", "H", "Q", "R"])
+@pytest.mark.parametrize("steps", [0, 60])
+def test_an_edit_that_is_refused_is_refused_until_it_is_mended(make, column, name, steps):
+    """Nothing goes on beside numbers that the filter shows and does not use."""
+    f, twin = (run(plane(make, column), [[n, -n] for n in range(steps)]) for _ in range(2))
+    held = getattr(f, name)
+    good = held.copy()
+    held.flat[0] = np.nan
+    for _ in range(3):
+        with pytest.raises(ValueError, match=f"{name} must be finite"):
+            f.predict()
+        with pytest.raises(ValueError, match=f"{name} must be finite"):
+            f.update([1.0, 2.0])
+    held[...] = good
+    for k in range(5):
+        run(f, [[k, k]])
+        run(twin, [[k, k]])
+    np.testing.assert_allclose(f.x, twin.x, rtol=1e-9)
+    np.testing.assert_allclose(f.P, twin.P, rtol=1e-9)
+
+
+@pytest.mark.contract("EDITS", better=True)
+@pytest.mark.parametrize("steps", [0, 60])
+def test_an_x_that_is_refused_leaves_the_one_before_in_its_form(make, column, steps):
+    f = run(plane(make, column), [[n, -n] for n in range(steps)])
+    before = f.x.copy()
+    for wrong in ([1.0, np.nan, 0.0, 0.0], [[1.0], [np.inf], [0.0], [0.0]], [1.0, 2.0], "text"):
+        with pytest.raises(ValueError, match="x must"):
+            f.x = wrong
+        np.testing.assert_array_equal(f.x, before)
+        assert f.x.shape == f.x_prior.shape == before.shape

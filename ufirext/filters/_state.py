@@ -151,15 +151,16 @@ class FilterState(Touched):
             array = array.reshape(1)
         if array.shape not in ((n,), (n, 1)):
             raise ShapeError(f"x must have shape ({n}, 1) or ({n},), got {array.shape}")
+        x = finite(array, "x").reshape(n)
         self.form = array.ndim
         self._x_handed = None
-        self._move(finite(array, "x").reshape(n))
+        self._move(x)
 
     def write_P(self, value: Any) -> None:
         """P assigned from outside."""
         self.leave()
-        self._P_handed = None
         self.P = Covariance.of(covariance(value, self.dim_x, "P", "(dim_x, dim_x)"))
+        self._P_handed = None
 
     def assign(self, name: str, value: Any) -> None:
         """A model matrix assigned from outside."""
@@ -225,12 +226,12 @@ class FilterState(Touched):
             self._settle_matrices()
         handed = self._P_handed
         if handed is not None and handed.tobytes() != self._P_raw:
-            self._P_raw = handed.tobytes()
             self.P = Covariance.of(covariance(handed, self.dim_x, "P", "(dim_x, dim_x)"))
+            self._P_raw = handed.tobytes()
         handed = self._x_handed
         if handed is not None and handed.tobytes() != self._x_raw:
-            self._x_raw = handed.tobytes()
             self._move(finite(handed.reshape(self.dim_x).copy(), "x"))
+            self._x_raw = handed.tobytes()
 
     def _settle_matrices(self) -> None:
         self._look_again(*self._matrices())
