@@ -342,3 +342,24 @@ def test_noise_of_fewer_sources_than_states_is_a_covariance_at_every_step():
     assert f.ready
     with pytest.raises(CovarianceError, match="Q must be positive semidefinite"):
         f.predict(Q=G @ G.T - 1e-3 * np.eye(2))
+
+
+@given(seeds)
+def test_an_automatic_horizon_changes_at_the_same_step_whoever_looks(seed):
+    """Reading P takes a filter off its hot path, and must not change x."""
+    rng = np.random.default_rng(seed)
+    seen, unseen = UFIRFilter(2, 1), UFIRFilter(2, 1)
+    for f in (seen, unseen):
+        f.F, f.H, f.Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), 0.1 * np.eye(2)
+    horizons = set()
+    for _ in range(100):
+        F = np.array([[1.0, rng.uniform(0.5, 1.5)], [0.0, 1.0]])
+        R, z = 10.0 ** rng.uniform(-2, 3), rng.normal()
+        for f in (seen, unseen):
+            f.R = R
+            f.predict(F=F)
+            f.update(z)
+        horizons.add(seen.horizon)
+        _ = seen.P
+        np.testing.assert_allclose(unseen.x, seen.x, rtol=1e-7, atol=1e-7)
+    assert len(horizons) > 1

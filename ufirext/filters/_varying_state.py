@@ -126,6 +126,8 @@ class VaryingState(WindowState):
             self._look_again(self.H, self.R)
         if z is None:
             return H is None and R is None and self._blank(engine)
+        if self.stale and self._due(engine.now):
+            return False
         raw_H = raw_R = None
         if H is None:
             H_now, raw_H = self.H.present, self.H.raw
