@@ -607,6 +607,20 @@ def test_an_unobservable_model_coasts_as_a_kalman_filter():
         assert np.isfinite(f.x_lag).all()
 
 
+@pytest.mark.parametrize("lag", [0, 2])
+def test_a_model_that_becomes_unobservable_coasts_where_it_is_blind(lag):
+    """A sensor turned away: the window reaches back as far as it may, then this is a Kalman filter."""
+    f = made(kinematic(1, 2, 1.0, q=0.1), 8, lag)
+    for i in range(150):
+        if i == 30:
+            f.H = np.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+        f.predict()
+        f.update([2.0 * i, 2.0 * i if i >= 30 else -1.0])
+        if i >= 8:
+            np.testing.assert_allclose(f.x, [2.0 * i, 2.0, -1.0, 0.0], rtol=1e-6, atol=1e-6)
+            assert f.ready == (i < 28 + 4 * 8 + 64)  # two steps saw the other axis
+
+
 @pytest.mark.parametrize(("r", "tolerance"), [(1e-8, 1e-6), (1e-12, None)])
 def test_measurements_far_better_than_predictions_cost_no_digits_silently(r, tolerance):
     """Late rows of tiny R go through gains designed anew, not through folds that would lose their digits."""

@@ -14,6 +14,7 @@ import numpy as np
 from .._arrays import Array, readonly
 from ..joint import Joint, joint_gain
 from ..model import Model
+from ..prefixes import start_length
 from ..window import Row, model_window
 from .covariance import Covariance
 from .lean import intake, reading
@@ -34,6 +35,12 @@ class PairPlan:
 
     def __reduce__(self) -> tuple[object, ...]:
         return (pair_plan, (self.model, self.horizon, self.lag))
+
+    @cached_property
+    def determined(self) -> bool:
+        """Whether full windows determine both states."""
+        window = model_window(self.model, self.horizon, self.lag)
+        return start_length(window, self.model.dim_x + 1) is not None
 
     @cached_property
     def joint(self) -> Joint:

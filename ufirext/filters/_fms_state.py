@@ -75,7 +75,8 @@ class FMSState(LaggedState):
         if not regular or self.now - self.tried < self.horizon:
             return None
         self.tried = self.now
-        ring = PairRing.of(pair_plan(self.model(), self.horizon, self.lag), engine)
+        plan = pair_plan(self.model(), self.horizon, self.lag)
+        ring = PairRing.of(plan, engine) if plan.determined else None
         if ring is not None:
             self.anchor = (self.F.value, self.H.value, self.Q.value, self.R.value)
             self.put = self.intake = None
