@@ -22,8 +22,12 @@ FLOAT = np.dtype(float)
 # What NumPy makes a float of and is none; None it makes a NaN.
 NO_NUMBERS = (str, bytes, complex, np.complexfloating, np.datetime64, np.timedelta64)
 
-# A covariance may miss positive semidefiniteness by rounding: this fraction of its largest entry.
+# A covariance may miss positive semidefiniteness by rounding: this fraction of its largest (scaled) entry.
 PSD_SLACK = 1e-9
+# Mirror images may differ by as much of it, but by no more than this fraction of their own scale.
+SYMMETRY_SLACK = 1e-6
+# Differences of matrices may leave a variance below zero, by so much of the largest entry.
+VARIANCE_SLACK = 1e-12
 
 
 def real(value: ArrayLike, name: str) -> Array:
@@ -184,24 +188,25 @@ def plainly_positive(array: Array) -> bool:
 
 def check_covariance(array: Array, name: str) -> None:
     """Raise CovarianceError unless the finite square `array` is symmetric and positive semidefinite."""
-    if array.shape == (1, 1):
-        if array[0, 0] < 0.0:
-            raise CovarianceError(f"{name} must be positive semidefinite, got the variance {array[0, 0]:.3g}")
-        return
     if plainly_covariance(array):
         return
-    if np.count_nonzero(array) == np.count_nonzero(array.diagonal()) and array.diagonal().min() >= 0.0:
+    variances, scale = array.diagonal(), float(np.abs(array).max(initial=0.0))
+    lowest = float(variances.min(initial=0.0))
+    diagonal = np.count_nonzero(array) == np.count_nonzero(variances)
+    if lowest < (0.0 if diagonal else -VARIANCE_SLACK * scale):
+        raise CovarianceError(f"{name} must be positive semidefinite, got the variance {lowest:.3g}")
+    if diagonal:
         return
-    scale = float(np.abs(array).max(initial=0.0))
-    if scale == 0.0:
-        return
-    gap = float(np.abs(array - array.T).max())
-    if gap > PSD_SLACK * scale:
-        raise CovarianceError(f"{name} must be symmetric, got a difference of {gap:.3g} to its transpose")
-    # Scaling by the diagonal makes the test independent of the units of the states.
-    width = np.sqrt(np.maximum(np.diag(array), 0.0))
+    # Scaling by the diagonal makes the tests independent of the units of the states.
+    width = np.sqrt(np.maximum(variances, 0.0))
     unit = np.where(width > 0.0, width, np.sqrt(scale))
-    lowest = float(np.linalg.eigvalsh(array / np.outer(unit, unit))[0])
+    with np.errstate(over="ignore"):
+        scaled, gaps = array / unit / unit[:, None], np.abs(array - array.T)
+        apart = (gaps / unit / unit[:, None]).max()
+    gap = float(gaps.max())
+    if apart > SYMMETRY_SLACK or gap > PSD_SLACK * scale:
+        raise CovarianceError(f"{name} must be symmetric, got a difference of {gap:.3g} to its transpose")
+    lowest = float(np.linalg.eigvalsh(scaled)[0]) if np.isfinite(scaled).all() else -math.inf
     if lowest < -PSD_SLACK * len(array):
         raise CovarianceError(
             f"{name} must be positive semidefinite, its smallest (scaled) eigenvalue is {lowest:.3g}"

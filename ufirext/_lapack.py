@@ -26,9 +26,13 @@ def is_positive_definite(array: Array) -> bool:
     """Whether a symmetric matrix has a Cholesky factor; by LAPACK itself once SciPy is there anyway."""
     lapack = sys.modules.get("scipy.linalg.lapack")
     if lapack is not None:
-        return bool(lapack.dpotrf(array)[1] == 0)
-    try:
-        np.linalg.cholesky(array)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+        factor, failed = lapack.dpotrf(array)
+        if failed:
+            return False
+    else:
+        try:
+            factor = np.linalg.cholesky(array)
+        except np.linalg.LinAlgError:
+            return False
+    # A pivot that is NaN, there or by overflow, does not fail: it makes the last one NaN.
+    return not len(array) or bool(factor.item(-1) > 0.0)

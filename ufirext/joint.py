@@ -131,7 +131,7 @@ def square_root(Q: Array) -> Array:
 
 def require_definite(R: Array, name: str = "R") -> None:
     """Raise CovarianceError unless the covariance R is positive definite, whatever the units of its rows."""
-    scale = np.sqrt(np.diag(R))
+    scale = np.sqrt(np.maximum(np.diag(R), 0.0))
     if scale.all() and np.linalg.eigvalsh(R / np.outer(scale, scale))[0] > len(R) * np.finfo(float).eps:
         return
     raise CovarianceError(

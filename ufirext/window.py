@@ -110,7 +110,7 @@ def whitener(R: Array) -> Array:
     """W with W R W' = I, after lifting the eigenvalues of a singular R."""
     if R.shape == (1, 1):
         return np.array([[1.0 / np.sqrt(R[0, 0])]]) if R[0, 0] > 0.0 else np.eye(1)
-    scale = np.sqrt(R.diagonal())
+    scale = np.sqrt(np.maximum(R.diagonal(), 0.0))
     if scale.min() ** 2 > R_FLOOR * scale.max() ** 2 and np.count_nonzero(R) == len(R):
         return np.diag(1.0 / scale)
     if not scale.any():

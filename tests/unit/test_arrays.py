@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.strategies import positive
-from ufirext import CovarianceError, HorizonError, NonFiniteError, ShapeError, UfirextError
+from ufirext import (
+    CovarianceError,
+    HorizonError,
+    Model,
+    NonFiniteError,
+    ShapeError,
+    UfirextError,
+    UFIRFilter,
+    filter_series,
+)
 from ufirext._arrays import (
     check_covariance,
     column,
@@ -194,6 +203,46 @@ def test_a_negative_direction_never_passes(seed, size, exponent):
 def test_a_lopsided_matrix_is_no_covariance():
     with pytest.raises(CovarianceError, match=r"R must be symmetric, got a difference of 0\.5 to its"):
         covariance([[1.0, 0.5], [0.0, 1.0]], 2, "R")
+
+
+DOORS = {
+    "covariance": lambda P: covariance(P, len(P), "P"),
+    "check": lambda P: check_covariance(np.array(P, dtype=float), "P"),
+    "filter": lambda P: setattr(UFIRFilter(len(P), len(P), horizon=9), "P", P),
+    "quick look": lambda P: setattr(UFIRFilter(len(P), len(P), horizon=9), "R", P),
+    "series": lambda P: filter_series(Model(np.eye(len(P)), np.eye(len(P))), [P[0]] * 9, 4, Rs=[P] * 9),
+}
+
+
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS)
+@pytest.mark.parametrize("size", [2, 5])
+@pytest.mark.parametrize("other", [1e10, 1e20, 1e300])
+def test_no_other_entry_is_so_large_that_a_bad_one_passes(door, size, other):
+    """Sums, scales and factors drown or overflow in the largest entry: wherever it stands."""
+    for i, j in ((0, size - 1), (size - 1, 0)):
+        negative, lopsided, indefinite, steep = (np.eye(size) for _ in range(4))
+        negative[i, i], negative[j, j] = -1.0, other
+        lopsided[j, j], lopsided[i, j], lopsided[j, i] = other, 0.9 * other**0.5, -0.9 * other**0.5
+        indefinite[i, i], indefinite[j, j] = 1.0 / other, other
+        indefinite[i, j] = indefinite[j, i] = 2.0
+        steep[i, i] = 1.0 / other
+        steep[i, j] = steep[j, i] = other
+        for wrong, message in (
+            (negative, "positive semidefinite, got the variance -1"),
+            (lopsided, "symmetric"),
+            (indefinite, "positive semidefinite"),
+            (steep, "positive semidefinite"),
+        ):
+            with pytest.raises(CovarianceError, match=message):
+                door(wrong)
+
+
+def test_what_rounding_leaves_is_a_covariance_still():
+    """P - K S K' of a perfect measurement: a variance of -1e-16 where there is none."""
+    P = np.array([[0.7, 0.3, 0.1], [0.3, 0.8, 0.2], [0.1, 0.2, 0.9]])
+    P -= np.outer(P[0], P[0]) / P[0, 0]
+    P[0, 0], P[0, 1] = -1e-16, 1e-17
+    check_covariance(P, "P")
 
 
 @pytest.mark.parametrize("value", [[1, 2], [[1, 2]], [[1], [2]], np.array([1.0, 2.0])])

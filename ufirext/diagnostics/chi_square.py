@@ -82,7 +82,7 @@ def _normalised(vector: ArrayLike, cov: ArrayLike, name: str, cov_name: str) -> 
     present = ~np.isnan(flat)
     if not present.any():
         return float("nan")
-    scale = np.sqrt(np.diag(cov)[present])
+    scale = np.sqrt(np.maximum(np.diag(cov)[present], 0.0))
     scaled = cov[np.ix_(present, present)] / np.where(scale > 0, np.outer(scale, scale), 1.0)
     try:
         root = np.linalg.solve(np.linalg.cholesky(scaled), flat[present] / np.where(scale > 0, scale, 1.0))

@@ -115,7 +115,7 @@ def _whiteners(request: Request, present: Mask) -> Array | None:
         request.model.R if request.per_step.R is None else request.per_step.R, (len(present), m, m)
     )
     kept = present[:, :, None] & present[:, None, :]
-    scale = np.sqrt(np.einsum("tii->ti", R))
+    scale = np.sqrt(np.maximum(np.einsum("tii->ti", R), 0.0))
     if (scale[present] <= 0.0).any():
         return None
     unit = 1.0 / np.where(scale > 0.0, scale, 1.0)
