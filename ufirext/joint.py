@@ -125,7 +125,7 @@ def square_root(Q: Array) -> Array:
     width = np.sqrt(np.maximum(np.diag(Q), 0.0))
     unit = np.where(width > 0.0, width, 1.0)
     values, vectors = np.linalg.eigh(Q / np.outer(unit, unit))
-    kept = values > len(Q) * np.finfo(float).eps * max(float(values[-1]), 0.0)
+    kept = values > len(Q) * np.finfo(float).eps * values.max(initial=0.0)
     return np.asarray(unit[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 

@@ -98,6 +98,13 @@ def test_minimum_variance_beats_ufir_and_the_steady_kalman_filter_bounds_both():
     assert np.trace(P) < best < plain
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_the_h2_norm_of_a_slow_mode_beside_a_fast_one_does_not_depend_on_units(unit):
+    """y_n = 0.999 y_{n-1} + w_n has the power 1 / (1 - 0.999^2), in whatever unit its state is."""
+    loop = ct.ss(np.diag([0.999, 0.0]), np.diag([unit, 1.0]), [[1.0 / unit, 0.0]], np.zeros((1, 2)), dt=True)
+    assert norm(loop) ** 2 == pytest.approx(1.0 / (1.0 - 0.999**2), rel=1e-9)
+
+
 @settings(max_examples=20)
 @given(plants(max_x=3), st.integers(1, 8), st.sampled_from(FORMS))
 def test_the_hinfinity_norm_of_the_error_is_the_highest_of_a_fine_grid(drawn, extra, form):

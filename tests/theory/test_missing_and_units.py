@@ -12,7 +12,14 @@ from numpy.testing import assert_allclose
 
 from tests.strategies import positive, random_model, seeds
 from tests.theory.delays import F1, H1, Q1, R1
-from ufirext import DelayHInfinityFilter, DelayKalmanFilter, FMSFilterSmoother, Model, UFIRFilter
+from ufirext import (
+    DelayHInfinityFilter,
+    DelayKalmanFilter,
+    FMSFilterSmoother,
+    Model,
+    UFIRFilter,
+    worst_case_gain,
+)
 from ufirext.channels import BernoulliDelay
 
 few = settings(max_examples=15)
@@ -146,3 +153,28 @@ def test_where_all_are_exact_none_outweighs_another():
             h.predict()
             h.update(z)
     np.testing.assert_allclose(f.x, g.x, rtol=1e-12)
+
+
+def test_a_row_whose_finer_component_alone_has_another_variance_gets_its_own_weight():
+    """Kilometres beside microradians: the variance of the angle is nothing beside that of the range."""
+    units, filters = (np.ones(2), np.array([1e3, 1e-6])), [UFIRFilter(2, 2, horizon=6) for _ in range(2)]
+    for f, unit in zip(filters, units, strict=True):
+        f.F, f.H, f.R = np.array([[1.0, 1.0], [0.0, 1.0]]), np.outer(unit, [1.0, 0.0]), np.diag(unit**2)
+    rng = np.random.default_rng(0)
+    for n in range(30):
+        z, R = rng.normal(size=2), np.diag([1.0, 400.0 if n == 18 else 1.0])
+        for f, unit in zip(filters, units, strict=True):
+            f.predict()
+            f.update(unit * z, R=R * unit**2)
+        np.testing.assert_allclose(filters[1].x, filters[0].x, rtol=1e-9)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_disturbances_and_weights_of_small_numbers_count_in_worst_cases(unit):
+    F, units = np.array([[1.0, 1.0], [0.0, 1.0]]), np.diag([1.0, unit])
+    back, K = np.linalg.inv(units), np.array([[0.6], [0.2]])
+    gains = [
+        worst_case_gain([T @ K] * 5, T @ F @ T1, np.eye(1, 2) @ T1, T @ T, 1.0, P0=T @ T, S=T1 @ T1).gain
+        for T, T1 in ((np.eye(2), np.eye(2)), (units, back))
+    ]
+    np.testing.assert_allclose(gains[1], gains[0], rtol=1e-9)

@@ -95,7 +95,7 @@ def _h2(sys: ct.StateSpace) -> float:
     A, P = sys.A, sys.B @ sys.B.T
     while True:
         more = A @ P @ A.T
-        if not np.abs(more).max(initial=0.0) > np.finfo(float).eps * np.abs(P).max(initial=0.0):
+        if not (more.diagonal() > np.finfo(float).eps * P.diagonal()).any():
             break
         P, A = P + more, A @ A
     return float(np.sqrt(np.trace(sys.C @ P @ sys.C.T) + (sys.D**2).sum()))

@@ -243,7 +243,7 @@ class Slots:
             return 1.0
         top = float(model.R[0, 0])
         ratio = float(row.R[0, 0]) / top if top > 0.0 else 0.0
-        if not ratio > 0.0 or np.abs(row.R - ratio * model.R).max() > 1e-15 * np.abs(row.R).max():
+        if not ratio > 0.0 or (np.abs(row.R - ratio * model.R) > 1e-15 * np.abs(row.R)).any():
             return None
         return 1.0 / ratio
 

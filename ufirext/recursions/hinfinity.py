@@ -19,6 +19,7 @@ import numpy as np
 
 from .._arrays import Array, symmetric
 from ..errors import UfirextError
+from ..joint import square_root
 from .kalman import innovation_gain, joseph
 
 __all__ = ["Form", "Robust", "ThetaTooLarge", "largest_theta", "robust_gain", "tilt", "tilted", "weight_root"]
@@ -82,10 +83,8 @@ class Robust(NamedTuple):
 
 
 def weight_root(S: Array) -> Array:
-    """L with L' L = S, one row for each positive eigenvalue of the positive semidefinite S."""
-    values, vectors = np.linalg.eigh(S)
-    kept = values > len(S) * np.finfo(float).eps * values.max(initial=0.0)
-    return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+    """L with L' L = S, as many rows as the positive semidefinite S has rank, whatever the units."""
+    return square_root(S).T
 
 
 def largest_theta(P: Array, L: Array) -> float:
