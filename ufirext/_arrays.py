@@ -90,7 +90,8 @@ def _numbers(value: Any, name: str) -> Array:
     try:
         raw = np.asarray(value)
         require_real(raw)
-        return np.array(raw, dtype=float)
+        with np.errstate(over="ignore"):  # of longer floats: infinity, as it is told of
+            return np.array(raw, dtype=float)
     except OverflowError as error:
         raise NonFiniteError(f"{name} must be numbers below 1.8e308, got {shown(value)}") from error
     except (TypeError, ValueError) as error:

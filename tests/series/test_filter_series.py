@@ -270,6 +270,24 @@ def test_the_covariance_is_that_of_the_stream(noise, lag):
     np.testing.assert_allclose(ours.P, stream.P, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("engine", ["auto", "scan", "stepwise"])
+@pytest.mark.parametrize("changing", [(), ("Rs",), ("Fs", "Hs", "Qs", "Rs")])
+def test_a_covariance_read_later_is_that_of_the_arrays_that_were_given(engine, changing):
+    """Buffers are used again; P waits until it is read."""
+    model, rng = kinematic(1, 1, 0.5), np.random.default_rng(0)
+    matrices = {"F": model.F, "H": model.H, "Q": model.Q, "R": model.R}
+    given = {name: matrices[name[0]] * rng.uniform(0.9, 1.1, (40, 1, 1)) for name in changing}
+    zs = measured(model, 40)
+    zs[[5, 20, 21]] = np.nan
+    soon = filter_series(model, zs, 10, engine=engine, **given).P
+    late = filter_series(model, zs, 10, engine=engine, **given)
+    zs[...] = 0.0
+    zs[10:30] = np.nan
+    for array in given.values():
+        array *= 7.0
+    np.testing.assert_array_equal(late.P, soon)
+
+
 @pytest.mark.parametrize("engine", ["auto", "stepwise"])
 def test_an_estimate_pickles_with_its_covariance_unread(engine):
     model = kinematic(1, 1, 0.5)
@@ -314,6 +332,7 @@ def test_plans_are_shared_and_say_what_they_do():
         ({"missing": np.array(["extend", "skip"])}, UfirextError, "missing must be one of"),
         ({"engine": np.array(["auto", "scan"])}, UfirextError, "engine must be one of"),
         ({"zs": [[1.0, 10**400]]}, NonFiniteError, "zs must be numbers below"),
+        ({"zs": np.full((3, 2), np.longdouble("1e400"))}, NonFiniteError, "got inf at step 0"),
         ({"lag": 10}, ValueError, "lag must be between 0 and 9"),
         ({"engine": "fast"}, UfirextError, "engine must be one of 'auto'"),
         ({"window": "all"}, UfirextError, "window must be one of 'arrivals'"),

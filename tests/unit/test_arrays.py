@@ -71,8 +71,8 @@ def test_objects_that_are_numbers_and_none_stay_what_they_were():
 
 @pytest.mark.parametrize(
     "value",
-    [10**400, -(10**5000), [1.0, 10**5000], Decimal("1e400"), Fraction(10**400)],
-    ids=["large", "larger", "in a list", "decimal", "fraction"],
+    [10**400, -(10**5000), [1.0, 10**5000], Decimal("1e400"), Fraction(10**400), np.longdouble("1e400")],
+    ids=["large", "larger", "in a list", "decimal", "fraction", "long double"],
 )
 def test_numbers_beyond_float64_are_refused(value):
     with pytest.raises(NonFiniteError, match=r"A must be (numbers below|finite)"):

@@ -43,7 +43,8 @@ LOOKED_AT = 65_536
 def as_series(zs: Any, dim_z: int) -> tuple[Array, bool]:
     """Measurements as (S, T, dim_z), not copied where they are numbers already, and whether S was given."""
     zs, _ = unmasked(_without_none(zs, dim_z))
-    array = zs if isinstance(zs, np.ndarray) and zs.dtype.kind in "fiu" else real(zs, "zs")
+    plain = isinstance(zs, np.ndarray) and zs.dtype.kind in "fiu" and np.can_cast(zs.dtype, float)
+    array = zs if plain else real(zs, "zs")
     if array.ndim == 1 and (dim_z == 1 or not len(array)):
         array = array.reshape(-1, dim_z)
     if array.ndim not in (2, 3) or array.shape[-1] != dim_z:

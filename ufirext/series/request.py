@@ -29,6 +29,10 @@ class PerStep:
         """Whether the model's matrices hold throughout."""
         return all(a is None for a in (self.F, self.Q, self.H, self.R))
 
+    def copy(self) -> PerStep:
+        """The same in arrays of its own."""
+        return PerStep(*(None if a is None else a.copy() for a in (self.F, self.Q, self.H, self.R)))
+
 
 @dataclass(frozen=True)
 class Request:
@@ -55,6 +59,16 @@ class Request:
     def steps(self) -> int:
         """Number of steps."""
         return int(self.z.shape[1])
+
+    def kept(self, holes: bool) -> Request:
+        """What covariances ask for, in arrays of its own: the caller may use his for something else by then.
+
+        Of z that is which components are missing, if any may be (`holes`).
+        """
+        z: Any = np.broadcast_to(np.float16(0.0), self.z.shape)
+        if holes:
+            z = np.where(np.isnan(self.z), np.float16(np.nan), z)
+        return replace(self, z=z, per_step=self.per_step.copy())
 
     def only(self, chosen: Any) -> Request:
         """The request for some of the series: an index array or a slice."""

@@ -15,7 +15,7 @@ from ..gains import observability_index
 from ..model import Model
 from . import arguments
 from .covariances import covariances
-from .engines import ENGINES, kinds_of, plan_of, run
+from .engines import CONSTANT, ENGINES, kinds_of, plan_of, run
 from .estimate import SeriesEstimate
 from .plan import chosen_horizon, model_with, series_plan
 from .progress import Progress, ticking
@@ -152,7 +152,7 @@ def filter_series(
     kinds = kinds_of(request, engine)
     with ticking(progress, shape[0] * shape[1]) as tick:
         run(request, kinds, engine, x if many else x[None], ready, tick)
-    spread = partial(covariances, request, kinds, many)
+    spread = partial(covariances, request.kept(bool((kinds != CONSTANT).any())), kinds, many)
     return SeriesEstimate(x, ready if many else ready[0], horizon, lag, spread)
 
 
