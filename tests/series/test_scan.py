@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tests.oracles import Record, least_squares
 from tests.series.test_filter_series import assert_same, measured
 from tests.strategies import models, seeds
 from ufirext import Model, filter_series, kinematic
+from ufirext.series import covariances
 
 STEPS = 80
 
@@ -135,6 +137,103 @@ def test_changing_windows_are_least_squares_to_twelve_digits(model):
         records = [Record(k, k, options["Hs"][k], options["Rs"][k], zs[k]) for k in window]
         expected, K, _ = least_squares(records, F, Q, last)
         assert (np.abs(x[last] - expected) <= 1e-12 * (np.abs(K) @ np.abs(zs[window].ravel()))).all()
+
+
+def assert_same_spread(a, b, tolerance=1e-10):
+    """Covariances that are equal, relative to the standard deviations of their states."""
+    np.testing.assert_array_equal(np.isnan(a.P), np.isnan(b.P))
+    size = np.sqrt(np.einsum("tii->ti", b.P))
+    scale = np.maximum(size[:, :, None] * size[:, None, :], 1e-300)
+    assert np.nanmax(np.abs(a.P - b.P) / scale, initial=0.0) < tolerance
+
+
+@pytest.mark.parametrize("prior", [False, True])
+@pytest.mark.parametrize("horizon", [5, 30])
+@pytest.mark.parametrize(
+    ("noise", "kinds"),
+    [
+        *product([False, True], ["changing", "changing rows", "components", "inputs"]),
+        (False, "late"),
+    ],
+)
+@pytest.mark.parametrize("name", ["plane", "acceleration", "unstable", "delayed"])
+def test_the_covariances_of_a_scan_are_those_of_the_stream(name, noise, kinds, horizon, prior):
+    model, zs, options = everything(kinds, MODELS[name], STEPS, seed=1)
+    options["Qs"] = model.Q * np.random.default_rng(0).uniform(0.5, 2.0, (STEPS, 1, 1))
+    options["noise"] = (model.Q, 2.0 * model.R) if noise else None
+    options["prior"] = (np.ones(model.dim_x), 50.0 * np.eye(model.dim_x)) if prior else None
+    assert_same_spread(
+        filter_series(model, zs, horizon, engine="scan", **options),
+        filter_series(model, zs, horizon, engine="stepwise", **options),
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    models(max_x=7, max_z=2),
+    st.integers(3, 30),
+    st.sets(st.sampled_from(["changing", "components", "inputs"])),
+    st.integers(1, 60),
+    st.integers(0, 2),
+    seeds,
+)
+def test_the_covariances_of_any_model(model, horizon, kinds, steps, lag, seed):
+    model, zs, options = everything(kinds, model, steps, seed)
+    try:
+        stream = filter_series(model, zs, horizon, lag=lag, engine="stepwise", **options)
+    except ValueError:
+        return
+    scan = filter_series(model, zs, horizon, lag=lag, engine="scan", **options)
+    assert_same_spread(scan, stream, tolerance=1e-6)
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_rows_too_close_in_time_for_the_sums_have_their_covariances_too(noise):
+    """A constant acceleration, three rows a thousandth of a step apart, then a gap."""
+    model = kinematic(2, 1, 1.0, q=0.1)
+    spans = np.ones(40)
+    spans[1:4] = spans[21:24] = 1e-3
+    steps = [kinematic(2, 1, span, q=0.1) for span in spans]
+    options = {"Fs": [step.F for step in steps], "Qs": [step.Q for step in steps]}
+    options["noise"] = (model.Q, model.R) if noise else None
+    zs = measured(model, 40)
+    scan = filter_series(model, zs, 4, **options)
+    assert_same_spread(scan, filter_series(model, zs, 4, engine="stepwise", **options), tolerance=1e-5)
+    assert np.einsum("tii->ti", scan.P)[24].max() > 1e6  # next to nothing is known of the acceleration
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+@pytest.mark.parametrize("name", ["plane", "acceleration", "delayed"])
+def test_windows_side_by_side_leave_nothing_to_the_stream(monkeypatch, name, lag):
+    model, zs, options = everything("changing inputs", MODELS[name], STEPS, seed=1)
+    monkeypatch.setattr(covariances, "stepwise_covariances", None)
+    scan = filter_series(model, zs, 12, lag=lag, **options)
+    assert np.isfinite(scan.P[scan.ready]).all()
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_windows_over_which_an_unstable_model_outgrows_the_digits(noise):
+    model, rng = Model([[1.5]], [[1.0]], 0.1, 1.0), np.random.default_rng(0)
+    options = {"Rs": rng.uniform(0.5, 2.0, (130, 1, 1)), "noise": (0.1, 1.0) if noise else None}
+    zs = rng.normal(size=130)
+    assert_same_spread(
+        filter_series(model, zs, 110, **options),
+        filter_series(model, zs, 110, engine="stepwise", **options),
+        tolerance=1e-9,
+    )
+
+
+def test_the_covariance_of_a_changing_window_is_that_of_stacked_equations():
+    model, rng, horizon = kinematic(2, 2, 0.1, q=0.5), np.random.default_rng(4), 12
+    zs, options = measured(model, 40), changing(model, 40, rng)
+    options["Qs"] = model.Q * rng.uniform(0.5, 2.0, (40, 1, 1))
+    P = filter_series(model, zs, horizon, **options).P
+    F, Q = dict(enumerate(options["Fs"])), dict(enumerate(options["Qs"]))
+    for last in (horizon - 1, 27, 39):
+        window = range(last - horizon + 1, last + 1)
+        records = [Record(k, k, options["Hs"][k], options["Rs"][k], zs[k]) for k in window]
+        *_, expected = least_squares(records, F, Q, last)
+        np.testing.assert_allclose(P[last], expected, rtol=1e-9, atol=1e-12 * expected.max())
 
 
 def test_late_rows_are_older_rows():

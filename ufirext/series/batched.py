@@ -8,13 +8,45 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from .._rounding import SUSPECT
 
-__all__ = ["positive_solution"]
+__all__ = ["gram", "laid_out", "padded", "positive_solution", "product"]
+
+# Matrices with so many rows are multiplied one by one, smaller ones entry by entry.
+WIDE = 6
+
+
+def padded(series: Array, first: int, length: int, outside: Array) -> Array:
+    """series[first : first + length], with `outside` before and after its ends."""
+    inner = series[max(first, 0) : max(first + length, 0)]
+    whole = np.empty((length, *outside.shape))
+    before = min(max(-first, 0), length)
+    whole[:before], whole[before + len(inner) :] = outside, outside
+    whole[before : before + len(inner)] = inner
+    return whole
+
+
+def laid_out(*shape: int) -> Array:
+    """An array (rows, columns, ..): small matrices are spread over the batch, large ones are whole."""
+    if shape[1] < WIDE:
+        return np.empty(shape)
+    return np.empty((*shape[2:], *shape[:2])).transpose(-2, -1, *range(len(shape) - 2))
+
+
+def product(a: Array, b: Array) -> Array:
+    """Products of matrices (.., .., batch)."""
+    if b.shape[1] < WIDE:
+        return np.asarray(np.einsum("ikb,kjb->ijb", a, b))
+    return np.asarray((a.transpose(2, 0, 1) @ b.transpose(2, 0, 1)).transpose(1, 2, 0))
+
+
+def gram(a: Array, b: Array) -> Array:
+    """a' b of matrices (.., .., batch)."""
+    return product(a.transpose(1, 0, 2), b)
 
 
 def positive_solution(
     A: Array, b: Array, weakest: float, diagonal: Array | None = None
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """x of A x = b for symmetric positive definite A (n, n, batch), b (n, batch), by Cholesky.
+    """x of A x = b for symmetric positive definite A (n, n, batch), b (n, .., batch), by Cholesky.
 
     The matrices are scaled by `diagonal` (n, batch), their own by default. Also where the smallest pivot is
     then at least `weakest`, so that no more digits than those of 1 / weakest^2 are lost, and no diagonal

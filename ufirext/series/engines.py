@@ -24,7 +24,7 @@ from .stepwise import stepwise
 from .variance import VarianceScan
 from .windows import Mask, Windows
 
-__all__ = ["CONSTANT", "ENGINES", "kinds_of", "plan_of", "run"]
+__all__ = ["CONSTANT", "ENGINES", "SCAN", "kinds_of", "limits_of", "plan_of", "run"]
 
 ENGINES = ("auto", "toeplitz", "scan", "stepwise", "numba")
 # What a series needs.
@@ -36,6 +36,12 @@ GROWING_TOGETHER = 16_384
 def plan_of(request: Request) -> SeriesPlan:
     """The plan of a request's constant model."""
     return series_plan(request.model, request.horizon, request.lag, unbiased=request.unbiased)
+
+
+def limits_of(request: Request) -> Limits:
+    """How far windows go."""
+    index = observability_index(request.model) or 1
+    return Limits(request.horizon, index + 2, request.missing != "skip", request.by_arrival)
 
 
 def kinds_of(request: Request, engine: str) -> NDArray[np.int8]:
@@ -125,8 +131,7 @@ def _holes(request: Request, x: Array, ready: Mask, tick: Tick) -> None:
 
 def _scanned(request: Request, x: Array, ready: Mask, tick: Tick, scanner: Scanner | None = None) -> None:
     """Whatever changes from step to step, one series after the other."""
-    index = observability_index(request.model) or 1
-    limits = Limits(request.horizon, index + 2, request.missing != "skip", request.by_arrival)
+    limits = limits_of(request)
     for series in range(request.count):
         one, rows = request.only(slice(series, series + 1)), rows_of(request, series, limits)
         if rows is None:

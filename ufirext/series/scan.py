@@ -18,7 +18,7 @@ from .._arrays import Array
 from ..engines.records import Limits
 from ..gains import least_squares
 from ..window import Window
-from .batched import positive_solution
+from .batched import gram, laid_out, padded, positive_solution, product
 from .rows import Rows
 from .windows import Mask, Windows
 
@@ -28,8 +28,6 @@ __all__ = ["Scan", "Scanner"]
 WEAK_PIVOT = 0.03
 # Numbers that a table of suffixes may hold.
 TABLE = 8_000_000
-# Matrices with so many rows are multiplied one by one, smaller ones entry by entry.
-WIDE = 6
 # Normal equations that are solved together.
 TOGETHER = 4096
 
@@ -113,42 +111,13 @@ def _scan(
     around = -(-horizon // spacing)  # blocks that windows of a block reach into, on either side
     first, length = start - around * spacing, (count + 2 * around) * spacing
     # Outside the series nothing comes and nothing moves: windows begin with its first row.
-    moves = _around(G, first, length, np.eye(G.shape[1]))
+    moves = padded(G, first, length, np.eye(G.shape[1]))
     if first <= 0:
         moves[-first] = np.eye(G.shape[1])
-    blocks = _Blocks(moves, _around(A, first, length, np.zeros(A.shape[1:])), around, count, spacing)
+    blocks = _Blocks(moves, padded(A, first, length, np.zeros(A.shape[1:])), around, count, spacing)
     # [.., length, block] is the window that ends N - 1 - length after the block's boundary.
     ends = start + horizon - 1 - np.arange(spacing)[:, None] + spacing * np.arange(count)
     _solve(*blocks.windows(lag), ends.reshape(-1), states, sound)
-
-
-def _around(series: Array, first: int, length: int, outside: Array) -> Array:
-    """series[first : first + length], with `outside` before and after its ends."""
-    inner = series[max(first, 0) : max(first + length, 0)]
-    whole = np.empty((length, *outside.shape))
-    before = min(max(-first, 0), length)
-    whole[:before], whole[before + len(inner) :] = outside, outside
-    whole[before : before + len(inner)] = inner
-    return whole
-
-
-def _laid_out(*shape: int) -> Array:
-    """An array (rows, columns, ..): small matrices are spread over the batch, large ones are whole."""
-    if shape[1] < WIDE:
-        return np.empty(shape)
-    return np.empty((*shape[2:], *shape[:2])).transpose(-2, -1, *range(len(shape) - 2))
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Products of matrices (.., .., batch)."""
-    if b.shape[1] < WIDE:
-        return np.asarray(np.einsum("ikb,kjb->ijb", a, b))
-    return np.asarray((a.transpose(2, 0, 1) @ b.transpose(2, 0, 1)).transpose(1, 2, 0))
-
-
-def _gram(a: Array, b: Array) -> Array:
-    """a' b of matrices (.., .., batch)."""
-    return _product(a.transpose(1, 0, 2), b)
 
 
 class _Blocks:
@@ -170,9 +139,9 @@ class _Blocks:
 
     def _side_by_side(self, series: Array) -> Array:
         blocks = series.reshape(-1, self.spacing, *series.shape[1:]).transpose(2, 3, 1, 0)
-        laid_out = _laid_out(*blocks.shape)
-        laid_out[...] = blocks
-        return laid_out
+        ordered = laid_out(*blocks.shape)
+        ordered[...] = blocks
+        return ordered
 
     def at(self, series: Array, offset: int) -> Array:
         """What the series has `offset` steps after every boundary, (.., .., count)."""
@@ -186,7 +155,7 @@ class _Blocks:
         (n + 1, n, ..), (n, n, ..) and (n, 1, ..): the state wanted is way @ oldest + known.
         """
         n = len(self.F)
-        table = _laid_out(2 * n + 1, n, self.spacing, self.count)
+        table = laid_out(2 * n + 1, n, self.spacing, self.count)
         known = np.zeros((n, 1, self.spacing, self.count))
         self._suffixes(table, known)
         self._complete(table, known, lag)
@@ -202,13 +171,13 @@ class _Blocks:
             before, after = table[:, :, length - 1], table[:, :, length]
             if self.b is not None:
                 b = self.at(self.b, 1 - length)
-                known[:, :, length] = known[:, :, length - 1] + _product(before[n + 1 :], b)
+                known[:, :, length] = known[:, :, length - 1] + product(before[n + 1 :], b)
                 before = before.copy()
-                before[n] -= _product(before[:n], b)[:, 0]
-            moved = _product(before, F)
+                before[n] -= product(before[:n], b)[:, 0]
+            moved = product(before, F)
             after[n:] = moved[n:]
-            after[:n] = _gram(F, moved[:n])
-            after[: n + 1] += _gram(own, own[:, :n])
+            after[:n] = gram(F, moved[:n])
+            after[: n + 1] += gram(own, own[:, :n])
 
     def _complete(self, table: Array, known: Array, lag: int) -> None:
         """Suffixes become windows, a prefix after each; the way leads to the state wanted."""
@@ -220,15 +189,15 @@ class _Blocks:
         for offset in range(horizon):
             if offset:
                 F = self.at(self.F, offset)
-                ahead = _product(F, ahead)
+                ahead = product(F, ahead)
                 if self.b is not None:
-                    path = _product(F, path) + self.at(self.b, offset)
+                    path = product(F, path) + self.at(self.b, offset)
                 ways.append((ahead, path))
             own = self.at(self.rows, offset)
-            seen = np.concatenate([_product(own[:, :n], ahead), own[:, n:]], axis=1)
+            seen = np.concatenate([product(own[:, :n], ahead), own[:, n:]], axis=1)
             if self.b is not None:
-                seen[:, n:] -= _product(own[:, :n], path)
-            information = information + _gram(seen, seen[:, :n])
+                seen[:, n:] -= product(own[:, :n], path)
+            information = information + gram(seen, seen[:, :n])
             if offset >= lag:
                 length = horizon - 1 - offset
                 self._join(table[:, :, length], known[:, :, length], information, *ways[0])
@@ -239,12 +208,12 @@ class _Blocks:
         lead = window[n + 1 :]
         if self.b is not None:
             information = information.copy()
-            information[n] -= _product(information[:n], known)[:, 0]
-            known[...] = _product(way, known) + path
-        moved = _product(information, lead)
-        window[:n] += _gram(lead, moved[:n])
+            information[n] -= product(information[:n], known)[:, 0]
+            known[...] = product(way, known) + path
+        moved = product(information, lead)
+        window[:n] += gram(lead, moved[:n])
         window[n] += moved[n]
-        lead[...] = _product(way, lead)
+        lead[...] = product(way, lead)
 
 
 def _solve(
@@ -258,6 +227,6 @@ def _solve(
         solution, fine = positive_solution(normal[:n], normal[n], WEAK_PIVOT)
         fine &= at < len(states)
         with np.errstate(over="ignore", invalid="ignore"):
-            reached = _product(way[:, :, part], solution[:, None])[:, 0] + known[:, 0, part]
+            reached = product(way[:, :, part], solution[:, None])[:, 0] + known[:, 0, part]
         states[at[fine], :n, 0] = reached[:, fine].T
         sound[at[fine]] = True

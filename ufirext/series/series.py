@@ -152,7 +152,8 @@ def filter_series(
     kinds = kinds_of(request, engine)
     with ticking(progress, shape[0] * shape[1]) as tick:
         run(request, kinds, engine, x if many else x[None], ready, tick)
-    spread = partial(covariances, request.kept(bool((kinds != CONSTANT).any())), kinds, many)
+    kept = request.kept(bool((kinds != CONSTANT).any()))
+    spread = partial(covariances, kept, kinds, ready.copy(), many)
     return SeriesEstimate(x, ready if many else ready[0], horizon, lag, spread)
 
 

@@ -65,6 +65,13 @@ class VarianceScan(Windows):
     def __init__(self, rows: Rows, Q: Array, limits: Limits) -> None:
         super().__init__(rows.came, limits, 0, True)
         self.rows, self.Q = rows, Q
+        self.P: Array | None = None  # where covariances go, when they are wanted
+
+    def covariances(self) -> tuple[Array, Mask]:
+        """P of all windows of the plain length, (T, n, n), and where its digits will do."""
+        self.P = np.empty_like(self.Q)
+        sound = self.together(np.ones_like(self.came), np.empty(self.Q.shape[:2]))
+        return self.P, sound
 
     def moved(self, x: Array, steps: NDArray[np.int64]) -> Array:
         """A step each."""
@@ -125,13 +132,18 @@ class VarianceScan(Windows):
             self._solve(window, start + offset + horizon * np.arange(count), x, sound)
             prefix = combined(prefix, newest)
 
-    @staticmethod
-    def _solve(window: Segments, ends: NDArray[np.int64], x: Array, sound: Mask) -> None:
-        """x^ = A J^-1 eta + b."""
-        solution, fine = positive_solution(window.J.transpose(1, 2, 0), window.eta[:, :, 0].T, WEAK_PIVOT)
+    def _solve(self, window: Segments, ends: NDArray[np.int64], x: Array, sound: Mask) -> None:
+        """x^ = A J^-1 eta + b, P = A J^-1 A' + C."""
+        right = window.eta
+        if self.P is not None:
+            right = np.concatenate([right, window.A.swapaxes(1, 2)], axis=2)
+        solution, fine = positive_solution(window.J.transpose(1, 2, 0), right.transpose(1, 2, 0), WEAK_PIVOT)
         fine &= ends < len(x)
-        oldest = solution.T[fine, :, None]
-        x[ends[fine]] = (window.A[fine] @ oldest + window.b[fine])[:, :, 0]
+        led = window.A[fine] @ solution.transpose(2, 0, 1)[fine]
+        x[ends[fine]] = led[:, :, 0] + window.b[fine, :, 0]
+        if self.P is not None:
+            P = led[:, :, 1:] + window.C[fine]
+            self.P[ends[fine]] = 0.5 * (P + P.transpose(0, 2, 1))
         sound[ends[fine]] = True
 
     def alone(self, step: int, begin: int, lag: int) -> Array | None:
