@@ -13,7 +13,7 @@ from ..model import Model
 if TYPE_CHECKING:
     from .run import Motion
 
-__all__ = ["FilterName", "new_filter", "whole_window"]
+__all__ = ["FilterName", "new_filter", "vague", "whole_window"]
 
 FilterName = Literal["ufir", "fms", "kalman", "hinf"]
 
@@ -38,9 +38,14 @@ def new_filter(motion: Motion, oldest: int = 0) -> Any:
     model = motion.model()
     kf = _made(model, motion, oldest)
     kf.F, kf.H, kf.Q, kf.R = (np.array(each) for each in (model.F, model.H, model.Q, model.R))
-    kf.x = np.zeros(model.dim_x)
-    kf.P = motion.r * _VAGUE**2 * np.eye(model.dim_x)
+    kf.x, kf.P = vague(motion)
     return kf
+
+
+def vague(motion: Motion) -> tuple[Array, Array]:
+    """What is known before the first row: x and P."""
+    states = motion.model().dim_x
+    return np.zeros(states), motion.r * _VAGUE**2 * np.eye(states)
 
 
 def _made(model: Model, motion: Motion, oldest: int) -> Any:

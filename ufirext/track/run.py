@@ -14,6 +14,7 @@ from .filters import FilterName
 from .series import Integers, Mask, Progress, Track, silent
 from .stretch import Stretch, filter_grid, filter_rows
 from .timing import Timing, pieces
+from .uneven import filter_uneven, is_series
 
 __all__ = ["Estimates", "Motion", "run"]
 
@@ -153,6 +154,8 @@ def run(
         stretch = Stretch.of(track, axis, rows)
         if on_grid:
             filter_grid(stretch, motion, out, progress)
+        elif track.age is None and is_series(motion):
+            filter_uneven(stretch, motion, out, progress, spread=spread)
         else:
             kf = filter_rows(stretch, motion, out, progress, spread=spread)
             theta = _wider(theta, kf) if motion.filter == "hinf" else None

@@ -17,9 +17,9 @@ from .timing import Timing, age_in_steps
 if TYPE_CHECKING:
     from .run import Estimates, Motion
 
-__all__ = ["Stretch", "filter_grid", "filter_rows"]
+__all__ = ["CHUNK", "Stretch", "filter_grid", "filter_rows", "flag", "judge"]
 
-_CHUNK = 16_384  # grid points filtered at once: bounds memory, and lets progress show
+CHUNK = 16_384  # rows filtered at once: bounds memory, and lets progress show
 _REMEMBERED = 512  # steps whose estimate is kept to judge late rows by
 _NEAR = 1e-6  # of a step; measurements this close to a step are of it
 
@@ -81,7 +81,7 @@ def filter_grid(stretch: Stretch, motion: Motion, out: Estimates, progress: Prog
     """Rows on a grid, one measurement a step at most, some points of it empty."""
     point = stretch.point.astype(int)
     end = int(point[-1]) + 1
-    size = max(_CHUNK, 4 * reach(motion))
+    size = max(CHUNK, 4 * reach(motion))
     for first in range(0, end, size):
         begin, stop = max(0, first - reach(motion)), min(end, first + size)
         ahead = min(end, stop + motion.lag)
@@ -92,7 +92,7 @@ def filter_grid(stretch: Stretch, motion: Motion, out: Estimates, progress: Prog
         target = slice(stretch.rows.start + here.start, stretch.rows.start + here.stop)
         _fill(out, target, zs, point[here] - begin, motion)
         progress("filtering", target.stop, len(out.nis))
-    _flag(out, stretch, motion)
+    flag(out, stretch, motion)
 
 
 def _fill(out: Estimates, target: slice, zs: Array, place: Integers, motion: Motion) -> None:
@@ -102,16 +102,22 @@ def _fill(out: Estimates, target: slice, zs: Array, place: Integers, motion: Mot
     before = np.maximum(place - 1, 0)  # the first row of all has nothing before it; it is blanked
     y = zs[place] - means[before] @ (model.H @ model.F).T
     S = model.H @ (model.F @ covs[before] @ model.F.T + model.Q) @ model.H.T + model.R
-    out.innovation[target] = y
-    out.innovation_std[target] = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
-    out.nis[target] = np.einsum("ni,ni->n", y, np.linalg.solve(S, y[:, :, None])[:, :, 0])
+    judge(out, target, y, S)
     if motion.lag:
         means, covs = on_grid(zs, motion, motion.lag)
     out.mean[target] = means[place]
     out.std[target] = np.sqrt(np.maximum(np.diagonal(covs[place], axis1=1, axis2=2), 0.0))
 
 
-def _flag(out: Estimates, stretch: Stretch, motion: Motion) -> None:
+def judge(out: Estimates, target: slice, y: Array, S: Array) -> None:
+    """Innovations (n, 2) and what the filter expected of them, (n, 2, 2)."""
+    out.innovation[target] = y
+    out.innovation_std[target] = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
+    with np.errstate(over="ignore"):  # told a sigma that is nothing, anything is impossible
+        out.nis[target] = np.einsum("ni,ni->n", y, np.linalg.solve(S, y[:, :, None])[:, :, 0])
+
+
+def flag(out: Estimates, stretch: Stretch, motion: Motion) -> None:
     """Mark the rows with a determined state and a whole window; blank what the data do not tell yet."""
     rows, index = stretch.rows, np.arange(len(stretch.steps))
     out.ready[rows] = index >= motion.order
@@ -147,7 +153,7 @@ def filter_rows(
         if offset % 1024 == 0 or row + 1 == stretch.rows.stop:
             progress("filtering", row + 1, len(out.nis))
     walk.finish()
-    _flag(out, stretch, motion)
+    flag(out, stretch, motion)
     return kf
 
 

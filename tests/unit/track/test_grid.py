@@ -1,4 +1,4 @@
-"""Whole windows by one product, holes by the filter: together they are the filter alone."""
+"""Whole windows by one product, holes by the filter, rows off the grid as a series: all are the filter."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import pytest
 
 pytest.importorskip("pymap3d", reason="pip install ufirext[cli]")
 
-from ufirext.track import stretch
+from ufirext.track import run as runs
+from ufirext.track import stretch, uneven
 from ufirext.track.filters import new_filter
 from ufirext.track.grid import on_grid
 from ufirext.track.run import Motion, run
@@ -60,8 +61,55 @@ def test_pieces_do_not_show(monkeypatch, lag):
     track = recorded(seconds[kept], noisy(rng, seconds[kept], 3.0))
     axis, motion = timing(track), Motion(1, horizon=8, q=0.05, r=9.0, lag=lag)
     at_once = run(track, axis, motion)
-    monkeypatch.setattr(stretch, "_CHUNK", 1)
+    monkeypatch.setattr(stretch, "CHUNK", 1)
     in_pieces = run(track, axis, motion)
     assert len(track) > 4 * (4 * motion.horizon + 64)  # so that there are several
     for name in ("mean", "std", "innovation", "innovation_std", "nis"):
         np.testing.assert_allclose(getattr(in_pieces, name), getattr(at_once, name), rtol=1e-9, atol=1e-8)
+
+
+NAMES = ("mean", "std", "innovation", "innovation_std", "nis")
+
+
+def off_the_grid(rows):
+    """A bend with stamps of its own, and a gap that no window spans."""
+    rng = np.random.default_rng(3)
+    seconds = np.cumsum(rng.uniform(0.3, 1.7, rows)).round(3)
+    seconds[rows // 2 :] += 300.0
+    return recorded(seconds, noisy(rng, seconds, 3.0))
+
+
+@pytest.mark.parametrize("name", ["ufir", "fms"])
+@pytest.mark.parametrize(
+    ("order", "horizon", "lag"), [(0, 3, 0), (1, 8, 0), (2, 20, 0), (1, 8, 4), (2, 12, 11), (1, 90, 60)]
+)
+def test_rows_off_the_grid_as_a_series_are_the_filter_step_by_step(monkeypatch, name, order, horizon, lag):
+    track = off_the_grid(160)
+    motion = Motion(order, horizon, q=0.05, r=9.0, lag=lag, filter=name)
+    as_series = run(track, timing(track), motion)
+    monkeypatch.setattr(runs, "is_series", lambda motion: False)
+    by_steps = run(track, timing(track), motion)
+    assert not timing(track).regular
+    assert by_steps.starts.tolist() == as_series.starts.tolist() == [0, 80]
+    for part in NAMES:
+        ours, expected = getattr(as_series, part), getattr(by_steps, part)
+        np.testing.assert_allclose(ours, expected, rtol=1e-6, atol=1e-6, err_msg=part)
+
+
+def test_without_the_spread_the_estimates_are_the_same():
+    track, motion = off_the_grid(100), Motion(1, 8, q=0.05, r=9.0, lag=3)
+    whole, bare = (run(track, timing(track), motion, spread=spread) for spread in (True, False))
+    np.testing.assert_array_equal(bare.mean, whole.mean)
+    np.testing.assert_array_equal(bare.innovation, whole.innovation)
+    assert np.isnan(bare.std).all()
+
+
+@pytest.mark.parametrize("lag", [0, 5])
+@pytest.mark.parametrize("name", ["ufir", "fms"])
+def test_pieces_of_a_series_do_not_show(monkeypatch, name, lag):
+    track, motion = off_the_grid(400), Motion(1, 8, q=0.05, r=9.0, lag=lag, filter=name)
+    at_once = run(track, timing(track), motion)
+    monkeypatch.setattr(uneven, "CHUNK", 1)
+    in_pieces = run(track, timing(track), motion)
+    for part in NAMES:
+        np.testing.assert_allclose(getattr(in_pieces, part), getattr(at_once, part), rtol=1e-9, atol=1e-8)
