@@ -122,8 +122,11 @@ class VaryingState(WindowState):
         engine = self.lane
         if engine is None or (sums := engine.sums).__class__ is not Frames:
             return False
-        if self.watching and (self.H.edited or self.R.edited):
-            self._look_again(self.H, self.R)
+        if self.watching:
+            if self.policy == "auto":
+                self._look_again(*self._matrices())
+            elif self.H.edited or self.R.edited:
+                self._look_again(self.H, self.R)
         if z is None:
             return H is None and R is None and self._blank(engine)
         if self.stale and self._due(engine.now):
