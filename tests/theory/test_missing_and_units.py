@@ -105,6 +105,23 @@ def test_one_precise_row_is_forgotten_with_its_window(kind, changing, missing):
     np.testing.assert_allclose(f.x.ravel(), [357.0, 3.0], rtol=1e-6)
 
 
+@pytest.mark.parametrize("R", [1e-3, 1e-7, 1e-8, 1e-10, 1e-16, 1e-30, 1e-200])
+@pytest.mark.parametrize("lag", [0, 2])
+def test_a_precise_row_means_the_same_to_a_model_that_is_constant_and_to_one_that_is_not(R, lag):
+    """However heavy it is; a step with another Q, which UFIR does not ask for, is all the change."""
+    rng, filters = np.random.default_rng(0), [UFIRFilter(2, 1, horizon=8) for _ in range(2)]
+    for f in filters:
+        f.F, f.H, f.Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), 0.01 * np.eye(2)
+    for n in range(45):
+        z = 2.0 * n + rng.normal()
+        filters[0].predict()
+        filters[1].predict(Q=np.eye(2) if n == 10 else None)
+        for f in filters:
+            f.update(z, R=R if n == 20 else None, delay=lag if n == 20 else 0)
+        np.testing.assert_allclose(filters[0].x, filters[1].x, atol=1e-5)
+    assert abs(filters[0].x[0, 0] - 88.0) < 4.0
+
+
 @pytest.mark.parametrize("kind", [UFIRFilter, FMSFilterSmoother])
 @given(unit=st.sampled_from([1.0, 1e3, 1e6, 1e9]))
 def test_sensors_of_different_quantities_never_drown_each_other(kind, unit):

@@ -201,7 +201,7 @@ class Slots:
         i = row.origin - self.base
         weight = self.relative_weight(row)
         late = self.now - row.origin
-        if weight is None or late + self.limits.horizon >= self.keep:
+        if weight is None or late + self.limits.horizon >= self.keep or self._outweighs(weight):
             return False
         if self._taken(i) or (self.inputs is not None and row.origin < self.inputs.valid_from):
             return False
@@ -218,6 +218,11 @@ class Slots:
         if self.begin is None or row.origin < self.begin:
             self.begin = row.origin
         return True
+
+    def _outweighs(self, weight: float) -> bool:
+        """Whether a row's weight makes others negligible, or the model's own rows to come."""
+        present = self.weights[self.end - self.limits.reach : self.end]
+        return weight * NEGLIGIBLE >= float(present.min(where=present > 0.0, initial=1.0))
 
     def row(self, step: int) -> Row:
         """The row of a slot that has one, as it came."""
