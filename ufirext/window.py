@@ -16,6 +16,7 @@ import numpy as np
 from ._arrays import Array
 from ._lapack import cholesky_solver
 from ._rounding import without_rounding
+from .errors import CovarianceError
 from .model import Model
 
 # Singular values of the column-scaled rows below this fraction of the largest count as zero.
@@ -26,6 +27,8 @@ REACH_TOLERANCE = 1e-8
 R_FLOOR = 1e-12
 # Squared scaled pivots of an R above this: it is far from singular.
 GOOD_PIVOT = 1e-6
+# Variances below this, though not zero, make weights that overflow when squares are summed up.
+LEAST_VARIANCE = 1e-280
 # Entries of the stacked rows beyond this would overflow when squared.
 LARGEST = 1e150
 
@@ -77,7 +80,8 @@ class Row:
         """[H, -z]' R^-1 [H, -z], (dim_x + 1, dim_x + 1)."""
         if self._gram is None:
             factor, weighted, info = cholesky_solver()(self.R, self.raw)
-            if info or not well_scaled(factor, self.R, GOOD_PIVOT):
+            plain = info == 0 and well_scaled(factor, self.R, GOOD_PIVOT)
+            if not plain or self.R.diagonal().min() < LEAST_VARIANCE:
                 self._gram = self.affine.T.dot(self.affine)
             else:
                 self._gram = self.raw.T.dot(weighted)
@@ -108,6 +112,12 @@ def well_scaled(factor: Array, matrix: Array, least: float) -> bool:
 
 def whitener(R: Array) -> Array:
     """W with W R W' = I, after lifting the eigenvalues of a singular R."""
+    least = min((variance for variance in R.diagonal().tolist() if variance > 0.0), default=1.0)
+    if least < LEAST_VARIANCE:
+        raise CovarianceError(
+            f"R must hold variances of at least {LEAST_VARIANCE:g}, or 0 where a component is exact, for its "
+            f"inverse weights the rows, got {least:.3g}; measure in a smaller unit"
+        )
     if R.shape == (1, 1):
         return np.array([[1.0 / np.sqrt(R[0, 0])]]) if R[0, 0] > 0.0 else np.eye(1)
     scale = np.sqrt(np.maximum(R.diagonal(), 0.0))

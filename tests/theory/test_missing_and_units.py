@@ -13,11 +13,14 @@ from numpy.testing import assert_allclose
 from tests.strategies import positive, random_model, seeds
 from tests.theory.delays import F1, H1, Q1, R1
 from ufirext import (
+    CovarianceError,
     DelayHInfinityFilter,
     DelayKalmanFilter,
     FMSFilterSmoother,
     Model,
     UFIRFilter,
+    minimum_variance_gain,
+    ufir_gain,
     worst_case_gain,
 )
 from ufirext.channels import BernoulliDelay
@@ -157,6 +160,27 @@ def test_an_exact_measurement_among_others_is_met(scale, changing):
     f.update(25.0, R=0.0)
     np.testing.assert_allclose(f.x[0, 0], 25.0, rtol=1e-6)
     assert 0.0 <= f.P[0, 0] < 1e-3 * max(scale, 1e-6)
+
+
+@pytest.mark.parametrize("kind", [UFIRFilter, FMSFilterSmoother])
+@pytest.mark.parametrize("changing", [False, True])
+@pytest.mark.parametrize("R", [5e-324, 1e-310, 1e-290])
+def test_a_variance_whose_inverse_is_beyond_all_numbers_is_refused(kind, changing, R):
+    f, twin = (kind(2, 1, horizon=10) for _ in range(2))
+    for g in (f, twin):
+        g.F, g.H, g.Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), 0.01 * np.eye(2)
+    for n in range(60):
+        for g in (f, twin):
+            g.predict(F=np.array([[1.0, 1.0 + 1e-12 * n], [0.0, 1.0]]) if changing else None)
+        if n % 7 == 3:
+            with pytest.raises(CovarianceError, match="R must hold variances of at least 1e-280, or 0"):
+                f.update(float(n), R=R)
+        for g in (f, twin):
+            g.update(float(n))
+        np.testing.assert_allclose(f.x, twin.x, rtol=1e-9, atol=1e-9)
+    for gain in (ufir_gain, minimum_variance_gain):
+        with pytest.raises(CovarianceError, match="measure in a smaller unit"):
+            gain(Model([[1.0]], [[1.0]], R=R), 5)
 
 
 def test_where_all_are_exact_none_outweighs_another():

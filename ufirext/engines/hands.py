@@ -15,7 +15,7 @@ import numpy as np
 
 from .._arrays import FLOAT, Array
 from .._lapack import cholesky_solver
-from ..window import GOOD_PIVOT, Row, well_scaled
+from ..window import GOOD_PIVOT, LEAST_VARIANCE, Row, well_scaled
 from .records import Step
 
 __all__ = ["Hands", "QuickRow", "QuickStep"]
@@ -144,7 +144,7 @@ class Hands:
         diagonal = noise.count(0.0) == self.gaps
         for i in range(m):
             norm, variance = hypot(*numbers[i * n : i * n + n]), noise[i * m + i]
-            if not (0.0 < norm < inf and 0.0 < variance < inf):
+            if not (0.0 < norm < inf and LEAST_VARIANCE < variance < inf):
                 return False
             information += norm * norm / variance
             self.precision[i] = 1.0 / variance
