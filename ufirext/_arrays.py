@@ -262,6 +262,15 @@ def lag_within(horizon: int, lag: Any) -> int:
     return integer(lag, "lag", 0, horizon - 1, held)
 
 
+def rectangular(value: Any, name: str) -> np.ndarray[Any, Any]:
+    """`value` as an array of whatever it holds; masked entries are refused."""
+    plain = without_mask(value, name)
+    try:
+        return np.asarray(plain)
+    except ValueError as error:
+        raise ShapeError(f"{name} must be an array of integers, got {shown(value)}") from error
+
+
 def require_counts(array: np.ndarray[Any, Any], name: str) -> None:
     """Raise unless the integers of `array` are at least 0 and fit into int64, where unsigned ones may not."""
     if not array.size:

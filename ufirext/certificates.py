@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from ._arrays import Array, covariance, readonly, real
+from ._arrays import Array, covariance, one_of, readonly, real
 from .errors import ShapeError, UfirextError, UnobservableWindow
 from .fms import FMSGain, fms_window
 from .gains import Gain
 from .joint import require_definite
 from .minimum_variance import MinimumVarianceGain
-from .model import Model
+from .model import Model, require_model
 from .programs import Objective, Solution, literal_program, objective_program, universal_program
 from .regression import Regression, figures, row_sizes
 from .window import Window, model_window
@@ -182,15 +182,14 @@ def certify(
     """
     if criterion is None:
         criterion = "variance" if isinstance(gain, MinimumVarianceGain | FMSGain) else "noise"
-    if criterion not in ("variance", "noise"):
-        raise UfirextError(f"criterion must be 'variance' or 'noise', got {criterion!r}")
+    one_of(criterion, ("variance", "noise"), "criterion")
     H, window, aims = _posed(gain, model)
     problem = Regression.of(window, list(aims.values()), noise=criterion == "variance")
     H = H @ block_diag(*[np.linalg.inv(W) for W in window.W])
     name, weight = _objective(objective, list(aims), len(H))
     feasibility, gap, stationarity, primal, dual = figures(problem, H)
     duality = float((np.abs(primal - dual) / np.where(primal > 0.0, primal, 1.0)).max())
-    optimal = max(feasibility, gap, stationarity, duality) < LIMIT
+    optimal = all(figure < LIMIT for figure in (feasibility, gap, stationarity, duality))
 
     universal = universal_program(problem, solver)
     literal = literal_program(problem, solver)
@@ -229,6 +228,8 @@ def certify(
 
 def _posed(gain: Gain | FMSGain, model: Model | None) -> tuple[Array, Window, dict[str, int]]:
     """The gain's rows, its window under `model`, and the states its rows are of, with their times."""
+    if model is not None:
+        require_model(model)
     if isinstance(gain, FMSGain):
         model = gain.model if model is None else model
         K, window = gain.H, fms_window(model, gain.M, gain.d)

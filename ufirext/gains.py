@@ -13,7 +13,7 @@ from ._arrays import Array, integer, lag_within, readonly, symmetric
 from ._constant import PATH_ROUNDING, constant_covariance, constant_gain
 from .errors import HorizonError, UfirextError, UnobservableWindow
 from .growing import grown_covariance, grown_gain, noise_paths, root, unwhitened
-from .model import Model
+from .model import Model, require_model
 from .window import Window, model_window
 
 __all__ = ["Gain", "exact_covariance", "least_squares", "observability_index", "ufir_gain"]
@@ -111,6 +111,7 @@ def ufir_gain(model: Model, horizon: int, lag: int = 0) -> Gain:
     array([[-0.1667,  0.3333,  0.8333],
            [-0.5   ,  0.    ,  0.5   ]])
     """
+    require_model(model)
     horizon = horizon_count(horizon, model)
     lag = lag_within(horizon, lag)
     K = constant_gain(model, horizon, lag)

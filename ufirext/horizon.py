@@ -12,7 +12,7 @@ from ._arrays import Array, integer
 from .errors import UnobservableWindow
 from .gains import horizon_count, observability_index, ufir_gain
 from .growing import GOOD_CONDITION, SEARCH_PER_STATE
-from .model import Model
+from .model import Model, require_model
 from .window import model_window, whitener
 
 __all__ = ["best_horizon", "check_horizon", "horizon_criterion", "shortest_horizon"]
@@ -109,6 +109,7 @@ def best_horizon(model: Model, zs: ArrayLike | None = None, *, longest: int = 20
     >>> best_horizon(kinematic(1, 1, 1.0, q=0.01, r=100.0))
     35
     """
+    require_model(model)
     first = shortest_horizon(model) + SPARE_ROWS
     last = integer(longest, "longest", first, advice=f"the shortest horizon to choose from is {first}")
     if zs is None:

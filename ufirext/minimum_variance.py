@@ -10,7 +10,7 @@ from ._arrays import Array, integer, lag_within, readonly
 from .errors import UnobservableWindow
 from .gains import Gain, observability_index, require_determined
 from .joint import joint_gain, require_definite
-from .model import Model
+from .model import Model, require_model
 from .prefixes import start_length
 from .window import model_window
 
@@ -102,6 +102,7 @@ def minimum_variance_gain(model: Model, horizon: int, lag: int = 0) -> MinimumVa
     >>> bool(abs(gain.K.sum(axis=1) - [1, 0]).max() < 1e-14)  # a constant is reproduced
     True
     """
+    require_model(model)
     horizon = integer(horizon, "horizon", 1)
     lag = lag_within(horizon, lag)
     require_definite(model.R)

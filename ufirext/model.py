@@ -137,6 +137,15 @@ class Model:
         return hash(self._key())
 
 
+def require_model(model: object) -> None:
+    """Raise unless `model` is a Model."""
+    if not isinstance(model, Model):
+        raise UfirextError(
+            f"model must be a ufirext.Model, got {type(model).__name__}; "
+            "Model(F, H, Q, R) or kinematic() makes one"
+        )
+
+
 def _as_columns(B: ArrayLike) -> Array:
     array = real(B, "B")
     return array.reshape(-1, 1) if array.ndim < 2 else array

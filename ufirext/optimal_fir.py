@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._arrays import Array, column, covariance, finite, integer, lag_within, matrix, readonly
+from ._arrays import Array, column, covariance, finite, integer, lag_within, matrix, number, readonly
 from .errors import UfirextError
 from .joint import joint_gain, require_definite
 from .minimum_variance import minimum_variance_gain
-from .model import Model
+from .model import Model, require_model
 from .window import model_window
 
 __all__ = ["OFIRGain", "ofir"]
@@ -131,10 +131,11 @@ def ofir(model: Model, horizon: int, P: ArrayLike, *, rho: float = 1.0, lag: int
     >>> ofir(kinematic(0, 1, 1.0, q=0.0), horizon=4, P=1.0, rho=math.inf).K
     array([[0.25, 0.25, 0.25, 0.25]])
     """
+    require_model(model)
     horizon = integer(horizon, "horizon", 1)
     lag = lag_within(horizon, lag)
     trust = covariance(P, model.dim_x, "P", "(dim_x, dim_x)")
-    if not rho >= 0.0:
+    if not number(rho, "rho") >= 0.0:
         raise UfirextError(f"rho must be a factor on P, 0 or more (math.inf: no prior), got {rho!r}")
     if math.isinf(rho):
         gain = minimum_variance_gain(model, horizon, lag)

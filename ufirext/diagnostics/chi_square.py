@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import covariance, readings
+from .._arrays import covariance, integer, number, readings
 from ..errors import NonFiniteError, UfirextError
 
 __all__ = ["Consistency", "consistency", "nees", "nis"]
@@ -159,9 +159,8 @@ def consistency(values: ArrayLike, dof: int, level: float = 0.95) -> Consistency
     flat = flat[~np.isnan(flat)]
     if not flat.size:
         raise UfirextError("values must hold at least one number, got none")
-    if dof < 1:
-        raise UfirextError(f"dof must be at least 1, got {dof!r}")
-    if not 0.0 < level < 1.0:
+    dof = integer(dof, "dof", 1, advice="it is the number of components", refusal=UfirextError)
+    if not 0.0 < number(level, "level") < 1.0:
         raise UfirextError(f"level must lie between 0 and 1, got {level!r}")
     total = dof * flat.size
     tail = (1.0 - level) / 2.0

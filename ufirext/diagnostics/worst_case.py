@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, covariance, finite, matrix, real, square
-from ..errors import ShapeError
+from .._arrays import Array, covariance, finite, matrix, one_of, real, shown, square
+from ..errors import ShapeError, UfirextError
 from ..recursions.hinfinity import Form, weight_root
 
 __all__ = ["WorstCase", "worst_case_gain"]
@@ -86,7 +86,9 @@ def worst_case_gain(
 
     Raises
     ------
-    ShapeError, CovarianceError
+    ShapeError, NonFiniteError, CovarianceError
+    UfirextError
+        For a negative theta or a form that is none.
 
     Examples
     --------
@@ -94,16 +96,22 @@ def worst_case_gain(
     >>> round(worst_case_gain(K=[[[0.5]]], F=[[1.0]], H=[[1.0]], Q=[[0.0]], R=[[1.0]], P0=[[1.0]]).gain, 6)
     0.5
     """
-    steps = len(K)
-    if not steps:
-        raise ShapeError("K must hold at least one gain, got none")
-    n = len(real(P0, "P0"))
+    one_of(form, ("posterior", "prior"), "form")
+    if not _holds_something(K):
+        raise ShapeError(f"K must hold at least one gain (dim_x, dim_z), one for each step, got {shown(K)}")
+    steps, start = len(K), real(P0, "P0")
+    n = len(start if start.ndim == 2 else matrix(K[0], (None, None), "K[0]", "(dim_x, dim_z)"))
     gains = [matrix(gain, (n, None), f"K[{i}]") for i, gain in enumerate(K)]
     Fs = [square(value, n, "F") for value in _per_step(F, steps, "F")]
     Qs = [covariance(value, n, "Q") for value in _per_step(Q, steps, "Q")]
     Hs, Rs = _observed(gains, H, R)
-    thetas = np.broadcast_to(finite(real(theta, "theta"), "theta"), (steps,))
-    roots = [_root(value) for value in (covariance(P0, n, "P0"), *Qs, *Rs)]
+    thetas = finite(real(theta, "theta"), "theta")
+    if thetas.shape not in ((), (steps,)) or (thetas < 0.0).any():
+        raise UfirextError(
+            f"theta must be a number that is not negative, or ({steps},) of them, got {shown(theta)}"
+        )
+    thetas = np.broadcast_to(thetas, (steps,))
+    roots = [_root(value) for value in (covariance(start, n, "P0"), *Qs, *Rs)]
     starts = np.cumsum([0, *(root.shape[1] for root in roots)])
     maps = _error_map(gains, Fs, Hs, roots, starts, form)
     L = weight_root(covariance(S, n, "S"))
@@ -112,6 +120,12 @@ def worst_case_gain(
     parts = [root @ direction[a:b] for root, a, b in zip(roots, starts, starts[1:], strict=False)]
     errors = np.array([error @ direction for error in maps])
     return WorstCase(top, parts[0], np.array(parts[1 : steps + 1]), parts[steps + 1 :], errors)
+
+
+def _holds_something(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0 and len(value) > 0
+    return isinstance(value, Sequence) and len(value) > 0
 
 
 def _error_map(
@@ -133,7 +147,9 @@ def _error_map(
 
 
 def _largest(A: Array) -> tuple[float, Array]:
-    """Largest squared singular value of A, and its right singular vector."""
+    """Largest squared singular value of A, and its right singular vector; zeros where A has no rows."""
+    if not len(A):
+        return 0.0, np.zeros(A.shape[1])
     if A.shape[0] < A.shape[1]:
         values, vectors = np.linalg.eigh(A @ A.T)
         direction = A.T @ vectors[:, -1]
@@ -151,7 +167,7 @@ def _root(cov: Array) -> Array:
 
 def _per_step(value: ArrayLike | Sequence[ArrayLike], steps: int, name: str) -> list[Array]:
     """One matrix for all steps, or a sequence with one for each."""
-    if isinstance(value, list | tuple) and np.ndim(value[0]) == 2:
+    if isinstance(value, list | tuple) and value and real(value[0], name).ndim == 2:
         entries = [real(entry, name) for entry in value]
     else:
         array = real(value, name)  # type: ignore[arg-type]

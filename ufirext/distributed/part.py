@@ -18,7 +18,7 @@ from .._arrays import Array, integer, lag_within, one_of
 from ..engines.records import Limits
 from ..errors import UfirextError
 from ..gains import observability_index
-from ..model import Model
+from ..model import Model, require_model
 from ..series import SeriesPlan, filter_series, series_plan
 from ..series.plan import chosen_horizon
 
@@ -202,6 +202,7 @@ def checked(
             'missing must be "extend" or "skip" for parts of a series, got "predict": that feeds the filter '
             "its own output, which remembers everything"
         )
+    require_model(model)
     one_of(options["beyond"], BEYOND, "beyond")
     chosen = chosen_horizon(model, horizon)
     lag = lag_within(chosen, options["lag"])

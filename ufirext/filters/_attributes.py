@@ -107,8 +107,8 @@ class Attributes:
     @alpha.setter
     def alpha(self, value: float) -> None:
         alpha = number(value, "alpha")
-        if not 1.0 <= alpha < math.inf:
-            raise UfirextError(f"alpha must be a finite number of at least 1, got {alpha}")
+        if not (alpha >= 1.0 and alpha * alpha < math.inf):
+            raise UfirextError(f"alpha must be a number of at least 1 with a finite square, got {alpha}")
         self._state.settle()
         self._state.fading = alpha**2
 

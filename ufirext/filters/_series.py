@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array
+from .._arrays import Array, finite, matrix, real, shown
 from ..errors import ShapeError
 
 if TYPE_CHECKING:
@@ -22,10 +22,15 @@ LONG = 2000
 
 
 def run_series(
-    f: FilterSurface, zs: Sequence[Any] | Array, per_step: Sequence[PerStep], update_first: bool, saver: Any
+    f: FilterSurface, zs: Any, per_step: Sequence[PerStep], update_first: bool, saver: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Means and covariances after update and after predict; `per_step` holds Fs, Qs, Hs, Rs, Bs, us."""
-    per_step = [_entries(values, name, len(zs)) for values, name in zip(per_step, NAMES, strict=True)]
+    if not isinstance(zs, Sized) or (isinstance(zs, np.ndarray) and not zs.ndim):
+        raise ShapeError(f"zs must be a sequence with a measurement for each step, got {shown(zs)}")
+    per_step = [
+        None if values is None else _entries(values, name, len(zs))
+        for values, name in zip(per_step, NAMES, strict=True)
+    ]
     if not update_first and saver is None and len(zs) >= LONG:
         from ..series.hook import whole_series  # a long series is worth the import
 
@@ -35,10 +40,10 @@ def run_series(
     return _stream(f, zs, per_step, update_first, saver)
 
 
-def _entries(values: PerStep, name: str, count: int) -> PerStep:
+def _entries(values: Any, name: str, count: int) -> Any:
     """A list of one entry a step, at least; ShapeError where it ends before the series does."""
-    if values is None:
-        return None
+    if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and not values.ndim):
+        raise ShapeError(f"{name} must be a sequence with an entry for each step, got {shown(values)}")
     if not isinstance(values, Sized):
         values = list(islice(values, count))
     if len(values) < count:
@@ -50,7 +55,7 @@ def _entries(values: PerStep, name: str, count: int) -> PerStep:
 
 
 def _stream(
-    f: FilterSurface, zs: Sequence[Any] | Array, per_step: Sequence[PerStep], update_first: bool, saver: Any
+    f: FilterSurface, zs: Any, per_step: Sequence[PerStep], update_first: bool, saver: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Step by step."""
     count, form = len(zs), (f.dim_x, 1) if f._state.form == 2 else (f.dim_x,)
@@ -71,21 +76,24 @@ def _stream(
 
 
 def smooth_series(
-    Xs: Array, Ps: Array, Fs: Sequence[Array], Qs: Sequence[Array], inv: Any
+    Xs: ArrayLike, Ps: ArrayLike, Fs: Iterable[ArrayLike], Qs: Iterable[ArrayLike], inv: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Rauch-Tung-Striebel smoothing: smoothed means and covariances, smoother gains, predicted
     covariances.
     """
-    if len(Xs) != len(Ps):
-        raise ShapeError(f"Xs and Ps must have the same length, got {len(Xs)} and {len(Ps)}")
-    count = len(Xs)
-    _entries(Fs, "Fs", count)
-    _entries(Qs, "Qs", count)
-    x, P, Pp = np.array(Xs, dtype=float), np.array(Ps, dtype=float), np.array(Ps, dtype=float)
-    K = np.zeros((count, Ps.shape[-1], Ps.shape[-1]))
+    x, P = finite(real(Xs, "Xs"), "Xs"), finite(real(Ps, "Ps"), "Ps")
+    count, n = P.shape[:2] if P.ndim == 3 else (0, 0)
+    if x.shape not in ((count, n), (count, n, 1)) or P.shape != (count, n, n):
+        raise ShapeError(
+            "Xs and Ps must have the same length and the shapes that batch_filter gives them, (T, dim_x) or "
+            f"(T, dim_x, 1) and (T, dim_x, dim_x), got {x.shape} and {P.shape}"
+        )
+    transitions, noises = _entries(Fs, "Fs", count), _entries(Qs, "Qs", count)
+    Pp, K = P.copy(), np.zeros((count, n, n))
     for k in range(count - 2, -1, -1):
-        F = np.asarray(Fs[k + 1])
-        Pp[k] = F @ P[k] @ F.T + Qs[k + 1]
+        F = matrix(transitions[k + 1], (n, n), f"Fs[{k + 1}]")
+        Q = matrix(noises[k + 1], (n, n), f"Qs[{k + 1}]")
+        Pp[k] = F @ P[k] @ F.T + Q
         try:
             K[k] = P[k] @ F.T @ inv(Pp[k])
         except np.linalg.LinAlgError:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from itertools import repeat
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, covariance, integer, matrix, readings, real
+from .._arrays import Array, covariance, finite, integer, matrix, readings, real
 from ..errors import ShapeError
 from ._arguments import measurement, require_filter
 from ._attributes import Attributes
@@ -260,7 +261,10 @@ class FilterSurface(Attributes):
     def measurement_of_state(self, x: ArrayLike) -> Array:
         """H x, in the form of the x given."""
         self._state.settle()
-        return np.asarray(self._state.H.value @ real(x, "x"))
+        state = finite(real(x, "x"), "x")
+        if state.shape[:1] != (self.dim_x,):
+            raise ShapeError(f"x must have shape ({self.dim_x}, 1) or ({self.dim_x},), got {state.shape}")
+        return np.asarray(self._state.H.value @ state)
 
     def log_likelihood_of(self, z: ArrayLike | None) -> float:
         """log N(z; H x, S) for another measurement; the logarithm of the smallest float for None."""
@@ -271,11 +275,12 @@ class FilterSurface(Attributes):
         state = self._state
         state.settle()
         residual = flat - state.H.value @ self.x.reshape(-1)
-        S = (
-            self.S
-            if state.last is not None
-            else state.H.value @ state.P.value @ state.H.value.T + state.R.value
-        )
+        last = state.last
+        if last is not None and len(last.H) == len(flat):
+            S = last.S
+        else:  # nothing came, or what another sensor measured
+            P = state.P if last is None else last.P
+            S = P.innovation(state.H.value, state.R.value)
         return log_normal(residual[mask], S[np.ix_(mask, mask)])
 
     @property
@@ -345,11 +350,15 @@ class FilterSurface(Attributes):
         -------
         x, P, K, Pp : ndarray
             Smoothed means and covariances, smoother gains, predicted covariances.
+
+        Raises
+        ------
+        ShapeError, NonFiniteError
+            For what is no output of `batch_filter`.
         """
-        count = len(Xs)
-        Fs = [self._state.F.value] * count if Fs is None else Fs
-        Qs = [self._state.Q.value] * count if Qs is None else Qs
-        return smooth_series(Xs, Ps, Fs, Qs, inv)
+        self._state.settle()
+        F, Q = repeat(self._state.F.value), repeat(self._state.Q.value)
+        return smooth_series(Xs, Ps, F if Fs is None else Fs, Q if Qs is None else Qs, inv)
 
     def __repr__(self) -> str:
         return describe(self)

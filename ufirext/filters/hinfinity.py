@@ -286,15 +286,16 @@ class DelayHInfinityFilter(LateFilter):
         return describe(self, extra=("form", "theta", "theta_max", "max_delay", "guarantee"))
 
 
-def _checked_policy(theta: Theta) -> Theta:
+def _checked_policy(theta: Any) -> Theta:
     """A theta as asked for, its numbers checked."""
     if callable(theta) or (isinstance(theta, str) and theta == "auto"):
-        return theta
-    if isinstance(theta, Sequence | np.ndarray) and not isinstance(theta, str) and np.ndim(theta):
+        asked: Theta = theta
+        return asked
+    if isinstance(theta, str):
+        raise UfirextError(f"theta must be 'auto', a number, a sequence or a callable, got {theta!r}")
+    if isinstance(theta, Sequence) or np.ndim(theta):
         values = [checked_theta(value, f"theta[{i}]") for i, value in enumerate(theta)]
         if not values:
             raise UfirextError("theta must hold at least one number, got none")
         return values
-    if isinstance(theta, str):
-        raise UfirextError(f"theta must be 'auto', a number, a sequence or a callable, got {theta!r}")
     return checked_theta(theta)

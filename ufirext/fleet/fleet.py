@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from .._array_api import Space, is_native
-from .._arrays import Array, dimension, one_of, require_counts, without_mask
+from .._arrays import Array, dimension, one_of, rectangular, require_counts
 from ..errors import HorizonError, ShapeError, UfirextError
 from ..horizon import best_horizon, check_horizon
-from ..model import Model
+from ..model import Model, require_model
 from . import archive
 from .engine import Engine
 
@@ -90,8 +90,7 @@ class Fleet:
     def __init__(
         self, model: Model, horizon: int | str = "auto", tracks: int = 1, *, missing: str = "extend"
     ) -> None:
-        if not isinstance(model, Model):
-            raise UfirextError(f"model must be a ufirext.Model, got {type(model).__name__}")
+        require_model(model)
         one_of(missing, MISSING, "missing")
         if isinstance(horizon, str):
             if horizon != "auto":
@@ -140,7 +139,7 @@ class Fleet:
     def _delays(self, space: Space, delay: Any) -> np.ndarray[Any, Any] | None:
         if delay is None:
             return None
-        ages = np.asarray(without_mask(delay, "delay") if is_native(delay) else space.host(delay))
+        ages = rectangular(delay, "delay") if is_native(delay) else space.host(delay)
         if ages.dtype.kind not in "iu" or ages.shape not in ((), (self.tracks,)):
             raise HorizonError(
                 f"delay must be an integer or ({self.tracks},) integers, one a track, got {ages.dtype} "
@@ -173,7 +172,7 @@ class Fleet:
         self._engine.leave(self._slots(slots))
 
     def _slots(self, slots: Any) -> np.ndarray[Any, Any]:
-        found = np.atleast_1d(np.asarray(without_mask(slots, "slots")))
+        found = np.atleast_1d(rectangular(slots, "slots"))
         if found.size == 0:
             return np.zeros(0, np.int64)
         if found.dtype.kind not in "iu" or found.ndim != 1:

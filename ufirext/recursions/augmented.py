@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import Array, integer, symmetric
-from ..model import Model
+from ..model import Model, require_model
 
 __all__ = ["Lifted", "augmented_model", "lift", "predict_lifted"]
 
@@ -79,6 +79,7 @@ def augmented_model(model: Model, delay: int) -> Model:
     >>> augmented_model(kinematic(1, 1, 1.0), delay=2)
     Model(dim_x=6, dim_z=1, dt=1)
     """
+    require_model(model)
     delay = integer(delay, "delay", 0)
     n, size = model.dim_x, model.dim_x * (delay + 1)
     F, Q, H = np.zeros((size, size)), np.zeros((size, size)), np.zeros((model.dim_z, size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,9 @@ from .._arrays import (
     matrix,
     readings,
     real,
+    rectangular,
     require_counts,
     unmasked,
-    without_mask,
 )
 from ..errors import HorizonError, NonFiniteError, ShapeError, UfirextError
 from ..model import Model
@@ -124,7 +124,7 @@ def as_delays(delays: ArrayLike | None, shape: tuple[int, int]) -> NDArray[np.in
     """Delays in steps as (S, T); None where all are zero."""
     if delays is None:
         return None
-    array = np.asarray(without_mask(delays, "delays"))
+    array = rectangular(delays, "delays")
     if array.dtype.kind not in "iu":
         raise HorizonError(
             f"delays must be integers (steps from a state to its measurement), got {delays!r:.60}"
@@ -146,7 +146,7 @@ def as_per_step(given: Mapping[str, ArrayLike | None], model: Model, steps: int)
             result[name] = None
             continue
         filled: Any = values
-        if not isinstance(values, np.ndarray):
+        if isinstance(values, Iterable) and not isinstance(values, np.ndarray):
             filled = [getattr(model, name) if value is None else value for value in filled]
         wanted = (steps, *shapes[name])
         if values.__class__ is np.ndarray and values.dtype == float and values.shape == wanted:

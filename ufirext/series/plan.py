@@ -7,10 +7,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, covariance, lag_within
+from .._arrays import Array, covariance, lag_within, shown
+from ..errors import UfirextError
 from ..gains import Gain, horizon_count, ufir_gain
 from ..minimum_variance import minimum_variance_gain
-from ..model import Model
+from ..model import Model, require_model
 from .growth import Head, head_of, head_states
 from .inputs import input_gain, trajectory
 from .summed import Summed
@@ -167,6 +168,7 @@ def series_plan(
     >>> plan.gain.horizon, plan is series_plan(kinematic(1, 1, 0.1), horizon=300)
     (300, True)
     """
+    require_model(model)
     horizon = chosen_horizon(model, horizon)
     lag = lag_within(horizon, lag)
     return _shared_plan(
@@ -187,7 +189,10 @@ def model_with(model: Model, noise: tuple[ArrayLike, ArrayLike] | None) -> Model
     """The model with the Q and R of `noise`, if there are any."""
     if noise is None:
         return model
-    Q, R = noise
+    try:
+        Q, R = noise
+    except (TypeError, ValueError):
+        raise UfirextError(f"noise must be a pair (Q, R), got {shown(noise)}") from None
     return model.replace(
         Q=covariance(Q, model.dim_x, "noise[0] (Q)", "(dim_x, dim_x)"),
         R=covariance(R, model.dim_z, "noise[1] (R)", "(dim_z, dim_z)"),

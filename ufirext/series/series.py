@@ -12,7 +12,7 @@ from .._arrays import Array, lag_within, one_of
 from ..errors import UfirextError
 from ..filters._window_state import MISSING, WINDOWS
 from ..gains import observability_index
-from ..model import Model
+from ..model import Model, require_model
 from . import arguments
 from .covariances import covariances
 from .engines import CONSTANT, ENGINES, kinds_of, plan_of, run
@@ -115,6 +115,7 @@ def filter_series(
     >>> filter_series(kinematic(1, 1, 0.1), path, horizon=50).x[-1].round(6)
     array([499.5,   5. ])
     """
+    require_model(model)
     one_of(engine, ENGINES, "engine")
     given = {"F": Fs, "Q": Qs, "H": Hs, "R": Rs}
     if not is_native(zs):
