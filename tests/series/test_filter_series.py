@@ -411,3 +411,7 @@ def test_results_may_not_overwrite_what_is_still_read():
     zs = measured(model, 30)
     with pytest.raises(UfirextError, match="out must not share memory with zs"):
         filter_series(model, zs, 5, out=zs)
+    for name in ("Fs", "Qs", "Hs", "Rs"):
+        matrices = np.repeat(np.eye(2)[None], 30, axis=0)
+        with pytest.raises(UfirextError, match=f"out must not share memory with {name}"):
+            filter_series(model, zs, 5, **{name: matrices}, out=matrices[:, 0])

@@ -211,14 +211,17 @@ def as_prior(prior: Any, model: Model, count: int) -> Prior | None:
     return Prior(np.broadcast_to(mean, (count, n)), np.broadcast_to(spread, (count, n, n)))
 
 
-def as_output(out: Any, shape: tuple[int, ...], z: Array) -> Array:
-    """The array results are written to: the caller's, or a fresh one."""
+def as_output(out: Any, shape: tuple[int, ...], read: Mapping[str, Array | None]) -> Array:
+    """The array results are written to: the caller's, or a fresh one; `read`: arrays that are still read."""
     if out is None:
         return np.empty(shape)
     if not isinstance(out, np.ndarray) or out.dtype.kind != "f" or not out.flags.writeable:
         raise ShapeError(f"out must be a writeable array of floats, got {type(out).__name__}")
     if out.shape != shape:
         raise ShapeError(f"out must have shape {shape}, as x has, got {out.shape}")
-    if np.may_share_memory(out, z):
-        raise UfirextError("out must not share memory with zs, which is still read while out is written")
+    for name, array in read.items():
+        if array is not None and np.may_share_memory(out, array):
+            raise UfirextError(
+                f"out must not share memory with {name}, which is still read while out is written"
+            )
     return out

@@ -148,7 +148,8 @@ def filter_series(
         per_step=changing,
     )
     _require_possible(request, window)
-    x = arguments.as_output(out, (*shape, model.dim_x) if many else (shape[1], model.dim_x), series)
+    read = {"zs": series, **{f"{name}s": getattr(changing, name) for name in given}}
+    x = arguments.as_output(out, (*shape, model.dim_x) if many else (shape[1], model.dim_x), read)
     ready: Mask = np.zeros(shape, dtype=np.bool_)
     kinds = kinds_of(request, engine)
     with ticking(progress, shape[0] * shape[1]) as tick:
