@@ -174,6 +174,22 @@ def test_alpha_inflates_the_predicted_covariance(make, column):
     np.testing.assert_allclose(f.P_prior, 1.21 * f.F @ P @ f.F.T + f.Q, rtol=1e-9)
 
 
+@pytest.mark.contract(47, better=True)
+def test_an_inverse_that_works_in_place_leaves_S_alone(make, column):
+    """And those of other filters of the model, which share it."""
+    f, other = (run(plane(make, column), [[n, n] for n in range(60)]) for _ in range(2))
+
+    def in_place(S):
+        S[...] = np.linalg.inv(S)
+        return S
+
+    S, f.inv = f.S, in_place
+    for _ in range(2):
+        _ = f.SI, f.mahalanobis
+    np.testing.assert_array_equal(f.S, S)
+    np.testing.assert_array_equal(other.S, S)
+
+
 @pytest.mark.contract(47)
 def test_inv_may_be_replaced(make, column):
     """By the pseudo-inverse, by filterpy's inv_diagonal (S is diagonal here), by anything that inverts S."""

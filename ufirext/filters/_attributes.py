@@ -165,7 +165,7 @@ class Attributes:
     def SI(self) -> Array:
         """Inverse of S, by the replaceable `inv`."""
         last = self._state.look().last
-        return np.zeros((self.dim_z, self.dim_z)) if last is None else np.asarray(self.inv(last.S))
+        return np.zeros((self.dim_z, self.dim_z)) if last is None else np.array(self.inv(last.S.copy()))
 
     @property
     def log_likelihood(self) -> float:
